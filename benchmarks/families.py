@@ -31,7 +31,7 @@ from rich.progress import track
 from scipy.stats import binom
 
 from sawmill_tomography.calibration.calibrate import calibrate
-from sawmill_tomography.calibration.errors import CalibrationError
+from sawmill_tomography.calibration.refusals import CalibrationError
 from sawmill_tomography.geometry.ray_error import ray_error
 
 SCANS = 1000

@@ -21,7 +21,7 @@ import numpy as np
 from mill_scans import StudyScan
 
 from sawmill_tomography.calibration.calibrate import calibrate
-from sawmill_tomography.calibration.errors import CalibrationError
+from sawmill_tomography.calibration.refusals import CalibrationError
 from sawmill_tomography.geometry.geometry import to_vector
 
 ANSWERS = Path(__file__).with_suffix(".json")

@@ -59,8 +59,7 @@ def test_scans_follow_from_their_number(family):
 
 def line(**changes):
     rays = {"error_mm": 0.04, "upper_95_mm": 0.05, "verdict": "pass", "rays_verdict": "pass"}
-    scale = {"scale_error_percent": -0.1, "scale_uncertainty_percent": 0.3}
-    return {"family": "wood"} | rays | scale | changes
+    return {"family": "wood"} | rays | {"scale_error_percent": -0.1, "scale_uncertainty_percent": 0.3} | changes
 
 
 def test_a_share_below_the_interval_has_a_star():

@@ -144,9 +144,8 @@ def test_outlines_in_place_have_no_edge_error():
 
 def test_a_knot_out_of_place_is_measured_in_mm():
     """Moved by s, a circle's outline is displaced by s cos(angle) along its normal: s / sqrt(2) in the mean square."""
-    outline = 15.0 / (15.0 + 50.0)
     error = edge_error_mm(body(shift=3.0), body(), 2.0)
-    assert error == pytest.approx(2.0 * 3.0 / np.sqrt(2.0) * np.sqrt(outline), rel=0.2)
+    assert error == pytest.approx(2.0 * 3.0 / np.sqrt(2.0) * np.sqrt(15.0 / (15.0 + 50.0)), rel=0.2)
     assert edge_error_mm(body(shift=1.0), body(), 2.0) < error
 
 

@@ -24,7 +24,7 @@ from sawmill_contracts.reconstructions import ReconstructionOptions
 from sawmill_formats.errors import UnreadableScan
 from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_platform.contracts.jobs import FailureKind
-from sawmill_tomography.calibration.errors import CalibrationError
+from sawmill_tomography.calibration.refusals import CalibrationError
 from sawmill_tomography.geometry.geometry import GeometryError
 from sawmill_tomography.phantoms.phantom import PhantomError
 from sawmill_tomography.preparing.line_integrals import CountsError

@@ -264,8 +264,7 @@ def test_a_baseline_is_of_earlier_answers_or_their_files(calibration, tmp_path):
 def test_results_draw_themselves(scan, log, calibration):
     region = {"field_centre_mm": (10.0, -20.0), "field_mm": 100.0}
     reconstruction = sawmill.reconstruct(log, calibration, method="fbp", size=64, **region)
-    checked = sawmill.drift(log, calibration)
-    for shown in (scan, calibration, reconstruction, checked):
+    for shown in (scan, calibration, reconstruction, sawmill.drift(log, calibration)):
         assert isinstance(shown.plot(), Figure)
         assert "<table>" in shown._repr_html_()
         assert len(str(shown)) < 400

@@ -187,8 +187,7 @@ def without(given, *empty):
     """The same with slices that are 0 in every ray."""
 
     def read(start, stop):
-        nothing = np.isin(np.arange(start, stop), empty)
-        return np.where(nothing[:, None], np.float32(0.0), given.read(start, stop))
+        return np.where(np.isin(np.arange(start, stop), empty)[:, None], np.float32(0.0), given.read(start, stop))
 
     return replace(given, read=read)
 
@@ -410,8 +409,7 @@ def test_memory_is_the_machine_s_or_the_container_s(tmp_path):
 
 
 def test_the_range_of_a_large_volume_comes_from_a_sample_of_bounded_size():
-    rng = np.random.default_rng(721)
-    block = rng.standard_normal((10, 512, 512)).astype(np.float32)
+    block = np.random.default_rng(721).standard_normal((10, 512, 512)).astype(np.float32)
     slices = 8 * SAMPLED_VALUES // 512**2
     seen = ValueRange(slices, 512)
     for _ in range(2):

@@ -17,7 +17,7 @@ from sawmill_command.seeding import PHANTOM_ROWS, THETA
 from sawmill_contracts.calibrations import CalibrationOptions
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.phantoms import BUILT_IN_PHANTOMS, PhantomDrawing, PhantomRequest
-from sawmill_tomography.calibration.errors import CalibrationError
+from sawmill_tomography.calibration.refusals import CalibrationError
 from sawmill_tomography.geometry.geometry import TAU, to_vector
 from sawmill_tomography.geometry.ray_error import ray_error
 from sawmill_tomography.phantoms.phantom import Disc, Phantom, Polygon

@@ -105,8 +105,7 @@ def test_a_drift_check_by_vectors_on_an_arc_gives_the_change_without_a_verdict()
     with pytest.raises(ValueError, match=r"mm from equal distances .* only the form vectors holds modules and arcs"):
         fan.astra_vectors()
     scan = sawmill.Scan.from_arrays(simulate_sinogram(LOG, fan, noise=0.002, seed=1), ANGLES, MILL)
-    stale = FanViews.of(fan.source_mm, fan.middle_mm + fan.axis, fan.axis, fan.borders_mm)
-    found = sawmill.drift(scan, stale)
+    found = sawmill.drift(scan, FanViews.of(fan.source_mm, fan.middle_mm + fan.axis, fan.axis, fan.borders_mm))
     assert found.within_tolerance is None
     assert found.result.detector_change.cor_column_mm == pytest.approx(1.0, abs=0.1)
 

@@ -22,8 +22,7 @@ from sawmill_platform.contracts.keys import KeyRequest, Scope
 from sawmill_platform.workers.settings import Retries
 from sawmill_service.app import create_app
 from sawmill_store.store import Store
-from sawmill_tomography.calibration.errors import CalibrationError
-from sawmill_tomography.calibration.refusals import refuse_unfound
+from sawmill_tomography.calibration.refusals import CalibrationError, refuse_unfound
 from sawmill_tomography.phantoms.built_in import BUILT_IN
 from sawmill_vocabulary import DataKind
 from sawmill_vocabulary.calibration_messages import CalibrationMessage

@@ -142,10 +142,9 @@ class Place:
         nowhere = self.folder / "read-only"
         image = {variable: str(mounted.get(path, nowhere)) for variable, path in OF_IMAGE.get(name, OURS).items()}
         stated = service.get("environment", {}).items()
-        given = {key: self.moved(interpolated(value, self.variables)) for key, value in stated}
         here = {"PATH": PROGRAMS, "LANG": "C.UTF-8", "HOSTNAME": name, "PGPORT": self.ports["postgres"]}
         here |= {variable: os.environ[variable] for variable in ("PYTHONPATH",) if variable in os.environ}
-        return {**here, **image, **given}
+        return {**here, **image, **{key: self.moved(interpolated(value, self.variables)) for key, value in stated}}
 
 
 PATIENCE_S = 120.0

@@ -157,8 +157,7 @@ def _polygon_chords(corners: Array, towards: Array) -> tuple[Array, Array]:
     crossing = (side > 0.0) != (side_after > 0.0)
     share = np.where(crossing, side / np.where(crossing, side - side_after, 1.0), 0.0)
     x = before[:, 0] + share * (after[:, 0] - before[:, 0])
-    y = before[:, 1] + share * (after[:, 1] - before[:, 1])
-    distance = x * towards[:, :1] + y * towards[:, 1:]
+    distance = x * towards[:, :1] + (before[:, 1] + share * (after[:, 1] - before[:, 1])) * towards[:, 1:]
     signs = np.where(side > side_after, 1.0, -1.0) * crossing
     lengths = (signs * distance).sum(axis=1)
     way = np.sign(lengths)
@@ -171,6 +170,5 @@ def counted(transmission: Array, *, photons: float = 30_000.0, flats: int = 10, 
     cells = transmission.shape[1]
     gains = 1.0 + gain * rng.standard_normal(cells).clip(-3.0, 3.0)
     flat = rng.poisson(photons * gains, (flats, cells)).mean(axis=0)
-    counts = np.maximum(rng.poisson(photons * gains * transmission), 0.5)
-    lines: Array = -np.log(counts / flat)
+    lines: Array = -np.log(np.maximum(rng.poisson(photons * gains * transmission), 0.5) / flat)
     return lines

@@ -128,8 +128,7 @@ def chunk_of(
         for _ in range(deflates):
             layout.set_deflate(9)
     with h5py.File(path, "w") as file:
-        space = h5py.h5s.create_simple(shape)
-        dataset = h5py.h5d.create(file.id, b"data", h5py.h5t.NATIVE_FLOAT, space, layout)
+        dataset = h5py.h5d.create(file.id, b"data", h5py.h5t.NATIVE_FLOAT, h5py.h5s.create_simple(shape), layout)
         dataset.write_direct_chunk((0,) * len(shape), stored)
 
 

@@ -53,8 +53,7 @@ def nxtomo(tmp_path, stack, angles_deg):
     def make(change=lambda _entry: None, angle_units="degree", data_options=None):
         path = tmp_path / "scan.nxs"
         darks, flats = np.full((1, ROWS, CELLS), 7), np.full((2, ROWS, CELLS), 60_000)
-        invalid = np.zeros((1, ROWS, CELLS))
-        images = np.concatenate([darks, flats, invalid, stack]).astype(np.uint16)
+        images = np.concatenate([darks, flats, np.zeros((1, ROWS, CELLS)), stack]).astype(np.uint16)
         with h5py.File(path, "w") as file:
             entry = file.create_group("scan_1")
             entry["definition"] = "NXtomo"

@@ -54,8 +54,7 @@ def test_a_steady_source_gets_one_constant_and_an_object_at_one_end_is_measured_
     assert not air.drifts
     assert np.ptp(air.correction(AirCorrection.VIEWS)) == 0.0
     assert air.background == pytest.approx(0.1, abs=5.0 * 0.02 / math.sqrt(VIEWS * air.cells.sum()))
-    cut = np.flatnonzero(clean.max(axis=0) > 0.0)[0] + 60
-    air = find_air(noisy(clean[:, cut:], 0.01, 5))
+    air = find_air(noisy(clean[:, np.flatnonzero(clean.max(axis=0) > 0.0)[0] + 60 :], 0.01, 5))
     assert not air.cells[:60].any()
     assert air.cells[-30:].all()
     assert abs(air.background) < 0.001

@@ -319,8 +319,7 @@ def test_a_detector_that_moved_along_the_beam_changes_the_scale(full_turn, frame
     """The shape of the rays hardly shows it, the size of the image does: with R held it goes as 1 / SDD."""
     farther = replace(frame, source_to_detector_mm=frame.source_to_detector_mm + 30.0)
     fit = conjugate_fit(MILL, scan(full_turn(360), seed=8, noise=0.002), full_turn(360), frame)
-    seen = replace(fit, source_to_detector_mm=farther.source_to_detector_mm)
-    change = drift_change(MILL, frame, None, seen)
+    change = drift_change(MILL, frame, None, replace(fit, source_to_detector_mm=farther.source_to_detector_mm))
     assert change.ray_change_mm < 0.5
     # The rest of the change is one of shape.
     assert change.scale_change == pytest.approx(
@@ -333,8 +332,7 @@ def test_the_calibration_s_own_errors_count(full_turn, frame):
     fit = conjugate_fit(MILL, scan(full_turn(180)), full_turn(180), frame)
     calibrated = moved(frame, 1.0)
     surely = drift_change(MILL, calibrated, None, fit)
-    covariance = np.diag([1e-4, 1.0, 4.0, 1.0, 1e-4])
-    perhaps = drift_change(MILL, calibrated, covariance, fit)
+    perhaps = drift_change(MILL, calibrated, np.diag([1e-4, 1.0, 4.0, 1.0, 1e-4]), fit)
     assert surely.moved
     assert not perhaps.moved
     assert perhaps.deviation**2 == pytest.approx(surely.deviation**2 + [1.0, 1e-4, 4.0])
@@ -385,8 +383,7 @@ def test_differences_that_change_slowly_count_as_correlated():
         rays = PairedRays(slow[None], derivatives, np.ones((1, 1, 1)), np.ones((1, views), bool))
         fits.append(float(rays.scores.sum() / rays.gram(corrected=True)[0, 0]))
         for share, deviations in stated.items():
-            covariance = rays.covariance(slice(0, 1), corrected=True, correlated=share)
-            deviations.append(math.sqrt(covariance[0, 0]))
+            deviations.append(math.sqrt(rays.covariance(slice(0, 1), corrected=True, correlated=share)[0, 0]))
     alone, together = (np.std(fits) / np.sqrt(np.mean(np.square(each))) for each in stated.values())
     # Of 200 the standard deviation is known to 5 %; Bartlett's weights leave some of the correlation out.
     assert alone > 2.0

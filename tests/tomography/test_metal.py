@@ -191,8 +191,7 @@ def test_rays_behind_nails_are_those_of_the_log_and_their_errors_are_known():
         missed += np.sum(behind.rays - log, axis=1).tolist()
         straight += np.sum(bridged_samples(with_nails, metal) - log, axis=1).tolist()
         # The sums of views are what pairs compare.
-        variances = np.bincount(behind.of_view, np.sum(behind.errors, axis=1) ** 2, len(fan.angles_rad))
-        expected += variances.tolist()
+        expected += np.bincount(behind.of_view, np.sum(behind.errors, axis=1) ** 2, len(fan.angles_rad)).tolist()
     rms, rms_straight, stated = (np.sqrt(np.mean(each)) for each in (np.square(missed), np.square(straight), expected))
     # The other views place the knots behind a nail: these logs miss 0.13, linear interpolation 0.57.
     assert rms < 0.4 * rms_straight

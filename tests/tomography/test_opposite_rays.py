@@ -41,11 +41,10 @@ def test_normal_equations_are_sums_over_pairs_and_directions(rays):
     slopes, instruments = rays.slopes, rays.instruments
     assert not instruments[:, ~rays.used].any()
     noise = (np.einsum("xip,ipt->xpt", rays.weights, each) for each in rays.derivatives[2:])
-    noise_gram = np.einsum("ypt,xpt->xy", *noise)
     gram = np.einsum("xpt,ypt->xy", instruments, slopes)
     # Only the order of the sums differs.
     np.testing.assert_allclose(rays.gram(corrected=False), gram, rtol=1e-12)
-    np.testing.assert_allclose(rays.gram(corrected=True), gram - noise_gram, rtol=1e-11)
+    np.testing.assert_allclose(rays.gram(corrected=True), gram - np.einsum("ypt,xpt->xy", *noise), rtol=1e-11)
     scores = np.einsum("xpt,pt->tx", instruments, rays.difference)
     np.testing.assert_allclose(rays.scores, scores, rtol=1e-12, atol=1e-12 * np.abs(scores).max())
 
@@ -85,7 +84,6 @@ def test_views_at_even_steps_are_not_interpolated():
     assert first == angles[0]
     np.testing.assert_array_equal(even, rays)
     # A lost view is: the others stay as they are.
-    usable = order != 5
-    even, _ = even_views(rays[order], angles[order], usable)
+    even, _ = even_views(rays[order], angles[order], order != 5)
     np.testing.assert_allclose(np.delete(even, 5, axis=0), np.delete(rays, 5, axis=0), rtol=1e-12)
     assert np.abs(even[5] - rays[5]).min() > 0.0

@@ -214,8 +214,7 @@ def distance_to(line, points):
     """Of each point to the nearest segment of a closed outline."""
     a, side = line[:-1], np.diff(line, axis=0)
     share = ((points[:, None] - a) * side).sum(-1) / (side**2).sum(-1)
-    feet = a + share.clip(0.0, 1.0)[..., None] * side
-    return np.linalg.norm(points[:, None] - feet, axis=-1).min(axis=1)
+    return np.linalg.norm(points[:, None] - (a + share.clip(0.0, 1.0)[..., None] * side), axis=-1).min(axis=1)
 
 
 def misplacement_px(traced, drawn, size):

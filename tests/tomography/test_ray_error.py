@@ -58,9 +58,8 @@ def test_a_common_rotation_is_taken_out(scanner, theta):
 
 def test_a_detector_shifted_by_du_misses_a_small_disc_by_du_over_the_magnification():
     """Every ray turns about the source by du / SDD; the rotation takes out all but R du / SDD of that."""
-    scanner = Scanner(1000.0, 4000, 0.2)
     true = SourceFrame(0.0, 1000.0, 2000.0, 0.0, 0.0)
-    error = ray_error(scanner, true, SourceFrame(0.0, 1000.0, 2000.0, 0.05, 0.0), radius_mm=4.0)
+    error = ray_error(Scanner(1000.0, 4000, 0.2), true, SourceFrame(0.0, 1000.0, 2000.0, 0.05, 0.0), radius_mm=4.0)
     # The next order: a stretch about a centre off by 0.025 mm of 4, squared and over the mean square of x, 1.2e-4.
     assert error.rms_mm == pytest.approx(0.025, rel=2e-4)
     # That stretch is 0.6 % of the 4 mm at the rim: 3 times 0.025 / 4 of the shift.
@@ -99,15 +98,13 @@ def distances_by_hand(scanner, true, other, radius, omega, shrink):
     source, centre, axis = (v[0] for v in true)
     ends = centre + cell_centres_mm(scanner)[:, None] * axis
     other_source, other_centre, other_axis = (np.stack(rotate(omega, *v[0]), -1) for v in other)
-    other_ends = other_centre + cell_centres_mm(scanner)[:, None] * other_axis
-    for end, other_end in zip(ends, other_ends, strict=True):
+    for end, other_end in zip(ends, other_centre + cell_centres_mm(scanner)[:, None] * other_axis, strict=True):
         d = (end - source) / np.linalg.norm(end - source)
         middle = source - (source @ d) * d
         half_square = radius**2 - middle @ middle
         if half_square > 0.0:
             e = (other_end - other_source) / np.linalg.norm(other_end - other_source)
-            points = middle + math.sqrt(half_square) * np.linspace(-1.0, 1.0, 9)[:, None] * d
-            off = points - shrink * other_source
+            off = middle + math.sqrt(half_square) * np.linspace(-1.0, 1.0, 9)[:, None] * d - shrink * other_source
             found.append(e[0] * off[:, 1] - e[1] * off[:, 0])
     return np.array(found)
 

@@ -77,9 +77,8 @@ def test_intervals_hold_and_are_narrow(views, rows, hardened, gain, worst_mm):
         rays, frame = averaged(
             turn(views), theta=Theta(*rng.uniform([0, 600, -200, -60, -0.3], [6.28, 850, 200, 60, 0.3])), seed=seed
         )
-        hard = rays * (1.0 - hardened * rays / rays.max())
         start = replace(frame, cor_column_mm=frame.cor_column_mm + 1.0, tilt_rad=frame.tilt_rad - 0.003)
-        scan = noisy(hard, rng, rows=rows, slope=0.03, gain=gain)
+        scan = noisy(rays * (1.0 - hardened * rays / rays.max()), rng, rows=rows, slope=0.03, gain=gain)
         fit = view_pair_fit(MILL, scan, turn(views), start, Rotation.AS_GIVEN)
         errors.append(error_of(fit, frame))
         shares.append(errors[-1] / fit.deviation[:2])
@@ -106,9 +105,8 @@ def test_an_eccentric_encoder_stays_within_its_bound():
     """0.1 degrees once a turn and a log off centre moved u_c by up to 0.06 mm: the pairs show it, and it is fitted."""
     angles, shares = turn(20), []
     for seed in range(4):
-        wrong = math.radians(0.1) * np.cos(angles + seed)
         sound, frame = averaged(angles, seed=seed, rows=1)
-        shifted, _ = averaged(angles + wrong, seed=seed, rows=1)
+        shifted, _ = averaged(angles + math.radians(0.1) * np.cos(angles + seed), seed=seed, rows=1)
         scans = (noisy(rays, np.random.default_rng(seed), rows=1000, gain=0.005) for rays in (sound, shifted))
         usual, fit = (view_pair_fit(MILL, scan, angles, frame, Rotation.AS_GIVEN) for scan in scans)
         assert fit.encoder_bound_mm < 0.015
@@ -283,8 +281,7 @@ def test_a_bridge_is_as_wrong_as_its_deviation_says():
             masked[view, first : first + 24], scan[view, first : first + 24] = True, np.nan
             deviations = bridge_masked(scan, masked)
             assert not deviations[~masked].any()
-            missed = (scan - rays)[masked].sum()
-            shares.append(missed / (math.sqrt(24.0) * deviations[view, first]))
+            shares.append((scan - rays)[masked].sum() / (math.sqrt(24.0) * deviations[view, first]))
     # Of 60 standard normal numbers the RMS is within 0.3 of 1 in 99.8 % of draws; these are not quite independent.
     assert np.sqrt(np.mean(np.square(shares))) == pytest.approx(1.0, abs=0.4)
 

@@ -20,7 +20,7 @@ from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_platform.contracts.base import near_name, placed_complaint, read_strictly
 from sawmill_platform.contracts.jobs import FailureKind
 from sawmill_platform.errors import DamagedResult
-from sawmill_tomography.calibration.errors import CalibrationError
+from sawmill_tomography.calibration.refusals import CalibrationError
 from sawmill_tomography.drift.change import DriftError
 from sawmill_tomography.geometry.geometry import GeometryError
 from sawmill_tomography.phantoms.phantom import PhantomError
@@ -161,14 +161,10 @@ def _left_in_groups(root: Path, membership: Path) -> Iterator[int]:
     for folder in {root, group, *(above for above in group.parents if above.is_relative_to(root))}:
         limit, used = folder / "memory.max", folder / "memory.current"
         if limit.is_file() and limit.read_text(encoding="ascii").strip() != "max":
-            needed = int(used.read_text(encoding="ascii")) - _reclaimable(folder)
+            # The file cache counts in `memory.current`, and the kernel frees it when memory is needed.
+            lines = dict(line.split() for line in (folder / "memory.stat").read_text(encoding="ascii").splitlines())
+            needed = int(used.read_text(encoding="ascii")) - int(lines["inactive_file"])
             yield max(int(limit.read_text(encoding="ascii")) - needed, 0)
-
-
-def _reclaimable(cgroup: Path) -> int:
-    """Return the bytes of the file cache, which `memory.current` counts and the kernel frees when memory is needed."""
-    lines = dict(line.split() for line in (cgroup / "memory.stat").read_text(encoding="ascii").splitlines())
-    return int(lines["inactive_file"])
 
 
 def check_memory(needed_bytes: int, available_bytes: int) -> None:

@@ -84,6 +84,5 @@ def _text(path: Path) -> str:
 
 def _refused(path: Path, reason: str) -> JobFailure:
     return refused(
-        "calibration",
-        f"{path.name} is neither what calibrate --json prints nor a calibration's result.h5: {reason}",
+        "calibration", f"{path.name} is neither what calibrate --json prints nor a calibration's result.h5: {reason}"
     )

@@ -222,12 +222,7 @@ def write_line_integrals(
 
 
 def write_simulated_scan(
-    path: Path,
-    stack: SimulatedStack,
-    angles_rad: FloatArray,
-    *,
-    detector_pitch_mm: float,
-    row_pitch_mm: float | None,
+    path: Path, stack: SimulatedStack, angles_rad: FloatArray, *, detector_pitch_mm: float, row_pitch_mm: float | None
 ) -> None:
     """Write counts, flat and dark fields as an NXtomo file; angles_rad (views,) are as the scanner counts them."""
     write_raw_scan(

@@ -206,16 +206,10 @@ ALARMS: Mapping[AlarmKind, AlarmRule] = MappingProxyType(
             ("phantom_id", "expired_on"),
         ),
         AlarmKind.SCANNER_QUIET: AlarmRule(
-            _scanner_quiet,
-            AlarmMessage.SCANNER_QUIET,
-            partial(_came_not, "scan"),
-            ("last_at", "limit_hours"),
+            _scanner_quiet, AlarmMessage.SCANNER_QUIET, partial(_came_not, "scan"), ("last_at", "limit_hours")
         ),
         AlarmKind.DRIFT: AlarmRule(
-            _drift,
-            AlarmMessage.DRIFT,
-            lambda alarm: "" if alarm.drift is None else alarm.drift.sentence,
-            ("drift",),
+            _drift, AlarmMessage.DRIFT, lambda alarm: "" if alarm.drift is None else alarm.drift.sentence, ("drift",)
         ),
     }
 )

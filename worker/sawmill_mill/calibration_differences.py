@@ -59,11 +59,10 @@ def misfit(constants: ScannerConstants, reading: InspectedReading) -> Misfit | N
     cells, in_file = constants.num_detector_pixels, reading.shape.detector
     if cells != in_file:
         return Misfit(N_("%(scanner)s cells, the file has %(file)s"), cells, in_file, 0)
-    pitches = (
+    for sentence, name in (
         (N_("%(scanner)s mm between cells, the file has %(file)s mm"), "detector_pitch_mm"),
         (N_("%(scanner)s mm between rows, the file has %(file)s mm"), "row_pitch_mm"),
-    )
-    for sentence, name in pitches:
+    ):
         in_scanner, stated = getattr(constants, name), getattr(reading, name)
         if in_scanner is not None and stated is not None and abs(stated - in_scanner) > SAME * in_scanner:
             return Misfit(sentence, in_scanner, stated, 3)

@@ -117,16 +117,8 @@ class StepMessage(Message):
         N_("The scanner stands where its calibration says, and a newer calibration is good."),
         N_("You may accept the newer one."),
     )
-    OLDER = (
-        "older",
-        N_("A newer calibration of this scanner exists."),
-        N_("Look at the newest one."),
-    )
-    DISCARDED = (
-        "discarded",
-        N_("This calibration was discarded."),
-        N_("Look at the newest one, or calibrate."),
-    )
+    OLDER = ("older", N_("A newer calibration of this scanner exists."), N_("Look at the newest one."))
+    DISCARDED = ("discarded", N_("This calibration was discarded."), N_("Look at the newest one, or calibrate."))
     DECIDED_AGAINST = (
         "decided-against",
         N_("After this calibration was made, somebody chose another one."),
@@ -219,7 +211,8 @@ def next_step(state: ScannerState) -> NextStep:
         never = StepMessage.NEVER if state.scanned else StepMessage.NEW
         return _step(never if state.failure is None else StepMessage.FAILED)
     red = _out_of_tolerance(state, newest)
-    step = red or _failed_since(state) or _of_quality(state, newest) or _of_scanner(state) or _alarmed(state)
+    failed = None if state.failure is None else _step(StepMessage.FAILED_SINCE)
+    step = red or failed or _of_quality(state, newest) or _of_scanner(state) or _alarmed(state)
     return _still_red(state, step or _fine(state))
 
 
@@ -282,10 +275,6 @@ def _log_shows_moved(check: Checked | DriftResult) -> NextStep:
     return _because(StepMessage.LOG_SHOWS_MOVED, check.explanation, moved)
 
 
-def _failed_since(state: ScannerState) -> NextStep | None:
-    return None if state.failure is None else _step(StepMessage.FAILED_SINCE)
-
-
 def _of_quality(state: ScannerState, newest: Calibrated) -> NextStep | None:
     """Return the step where the newest calibration is less than good."""
     both = TwoQuestions.of(newest.result, state.tolerances)
@@ -307,10 +296,7 @@ def _of_scanner(state: ScannerState) -> NextStep | None:
         return _step(StepMessage.NOT_COMPARED)
     if moved is not None and moved.since_active and moved.share >= NEARLY:
         message = StepMessage.NEARLY if active else StepMessage.NEARLY_ACCEPT
-        return NextStep(
-            message(moved_mm=moved.ray_change_mm, allowed_mm=moved.tolerance_mm),
-            *_STEPS[message],
-        )
+        return NextStep(message(moved_mm=moved.ray_change_mm, allowed_mm=moved.tolerance_mm), *_STEPS[message])
     if state.beyond_calibration is not None:
         step = _because(StepMessage.LOG_SHOWS_OFF, state.beyond_calibration.explanation)
         return step if active else replace(step, button=Button.ACCEPT)

@@ -6,10 +6,7 @@ from sawmill_vocabulary.messages import N_, Message
 class ImageMessage(Message):
     """Remarks on the data and the fit of a reconstruction."""
 
-    MISSES_DATA = (
-        "image-misses-data",
-        N_("The image misses the data by %(times).2g times their noise. %(headline)s"),
-    )
+    MISSES_DATA = ("image-misses-data", N_("The image misses the data by %(times).2g times their noise. %(headline)s"))
     FILTERED_MISSES_DATA = (
         "filtered-image-misses-data",
         N_(

@@ -203,10 +203,7 @@ class PreparingMessage(Message):
         "air-of-views",
         N_("In %(rows)d rows it was taken out view by view, where it varied by %(deviation).2g (standard deviation)."),
     )
-    ROWS_WITHOUT_AIR = (
-        "rows-without-air",
-        N_("%(rows)d rows without air at the detector's ends keep their level."),
-    )
+    ROWS_WITHOUT_AIR = ("rows-without-air", N_("%(rows)d rows without air at the detector's ends keep their level."))
     RINGS_REMOVED = (
         "rings-removed",
         N_("Rings were removed by sorting: stripes were %(before).2g and are %(after).2g (median of the rows)."),

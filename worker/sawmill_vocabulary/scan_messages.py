@@ -123,11 +123,7 @@ class EffectMessage(Message):
         ),
         _STRAIGHT,
     )
-    SLIP = (
-        "slip",
-        N_("The phantom moved at view %(view)d, by %(slip_mm).2g mm and %(slip_deg).2g degrees."),
-        _SLIP,
-    )
+    SLIP = ("slip", N_("The phantom moved at view %(view)d, by %(slip_mm).2g mm and %(slip_deg).2g degrees."), _SLIP)
     ANGLES_JUMP = "angles-jump", _ANGLES_JUMP, _SLIP
     ANGLES_JUMP_VIEWS = "angles-jump-views", _ANGLES_JUMP, _LOST_VIEWS
     LOST_VIEWS = (

@@ -86,8 +86,7 @@ def test_colour_maps_are_the_published_ones(name):
 
 
 def test_a_window_clips_and_a_constant_image_has_a_picture():
-    image = np.array([[-5.0, 0.0], [1.0, 9.0]])
-    panel = panel_of(image_png(image, pixel_mm=None, unit="1", window=(0, 1)), 512)
+    panel = panel_of(image_png(np.array([[-5.0, 0.0], [1.0, 9.0]]), pixel_mm=None, unit="1", window=(0, 1)), 512)
     assert [panel[0, 0], panel[0, -1], panel[-1, 0], panel[-1, -1]] == [0, 0, 255, 255]
     assert decoded(image_png(np.ones((16, 16)), pixel_mm=1.0, unit="1")).size[0] > 512
 
@@ -237,8 +236,7 @@ def test_the_scale_bar_of_a_mosaic_is_that_of_a_tile():
 @pytest.mark.parametrize("size", [129, 255, 256, 300])
 def test_the_scale_bar_of_a_lone_slice_stands_clear_of_the_orientation(size):
     # 400 mm: the bar is the longest there is, a quarter.
-    page = mosaic([np.ones((size, size), np.float32)])
-    below = page[-36:]
+    below = mosaic([np.ones((size, size), np.float32)])[-36:]
     # The bar and its length are darker than the orientation; letters have soft edges, two pixels wide.
     end = int(np.flatnonzero((below < 100).any(axis=0)).max()) + 3
     assert (below[:, end : end + 5] == 255).all()

@@ -114,10 +114,7 @@ def of_each(factors):
 
 @pytest.mark.parametrize(("unit", "factor"), of_each(IN_MM))
 def test_a_length_is_read_in_its_unit(unit, factor):
-    assert length_of(np.array([2.5]), f" {unit.upper() if unit.isascii() else unit} ") == (
-        2.5 * factor,
-        None,
-    )
+    assert length_of(np.array([2.5]), f" {unit.upper() if unit.isascii() else unit} ") == (2.5 * factor, None)
 
 
 @pytest.mark.parametrize(("unit", "factor"), of_each(IN_DEGREES))

@@ -229,8 +229,7 @@ def cell_array(path):
     """A cell array of MATLAB 7.3: references to datasets of a hidden group."""
     hdf5({"#refs#/c0": STACK.T, "#refs#/c1": STACK.T}, CELL_ARRAY)(path)
     with h5py.File(path, "r+") as file:
-        items = np.array([file["#refs#/c0"].ref, file["#refs#/c1"].ref], h5py.ref_dtype)
-        file["proj"] = items[:, None]
+        file["proj"] = np.array([file["#refs#/c0"].ref, file["#refs#/c1"].ref], h5py.ref_dtype)[:, None]
         file["proj"].attrs["MATLAB_class"] = np.bytes_("cell")
 
 
@@ -263,8 +262,7 @@ def test_a_file_is_refused(tmp_path, name, code, sentence):
 
 
 def test_dark_fields_are_missing_only_where_no_array_could_be_they(tmp_path):
-    write = npz(**OF_NUMPY, dark=DARKS, offset=DARKS)
-    remarks, *_, darks, _ = scan_of(write, tmp_path / "scan", counts=True)
+    remarks, *_, darks, _ = scan_of(npz(**OF_NUMPY, dark=DARKS, offset=DARKS), tmp_path / "scan", counts=True)
     assert remarks == {"darks-unclear": {"arrays": "dark (1, 3, 8), offset (1, 3, 8)"}}
     assert darks is None
 

@@ -113,8 +113,7 @@ def test_what_cannot_be_the_mean_of_line_integrals_is_refused_in_a_sentence(read
 
 
 def test_a_mean_is_refused_where_it_is_nan_unnamed_or_of_transmissions(read):
-    across = np.linspace(-1.0, 1.0, 768)
-    thin = np.tile(0.3 * np.sqrt(np.clip(1.0 - (across / 0.1) ** 2, 0.0, None)), (VIEWS, 1))
+    thin = np.tile(0.3 * np.sqrt(np.clip(1.0 - (np.linspace(-1.0, 1.0, 768) / 0.1) ** 2, 0.0, None)), (VIEWS, 1))
     noisy = thin + 0.01 * np.random.default_rng(1).standard_normal(thin.shape)
     read(npy(noisy))
     with pytest.raises(UnreadableScan, match="as counts and transmissions do"):

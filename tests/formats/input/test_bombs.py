@@ -78,9 +78,8 @@ class TestHdf5:
 
     def test_lzf_whose_filter_claims_4_gib(self, file):
         chunk_of(file, bytes(1000), (20, 1, 768), packing=h5py.h5z.FILTER_LZF)
-        declared = struct.pack("<I", 4 * 20 * 768)
         stored = file.read_bytes()
-        at = stored.index(declared, stored.index(b"lzf\0"))
+        at = stored.index(struct.pack("<I", 4 * 20 * 768), stored.index(b"lzf\0"))
         file.write_bytes(stored[:at] + struct.pack("<I", 2**32 - 1) + stored[at + 4 :])
         refused(file, "truncated-file", "of '/data' declares 61440 bytes of data and holds less")
 
@@ -215,10 +214,8 @@ class TestMat:
     def packed(self, file, shape, data_bytes, name=b"arr"):
         head = struct.pack("<4I", 6, 8, 6, 0) + struct.pack(f"<2I{len(shape)}i", 5, 4 * len(shape), *shape)
         head += struct.pack("<2H4s", 1, len(name), name) + struct.pack("<2I", 9, data_bytes)
-        body = struct.pack("<2I", 14, len(head) + data_bytes) + head
-        stored = deflated(body, data_bytes)
-        start = b"MATLAB 5.0".ljust(124) + b"\0\1IM"
-        file.write_bytes(start + struct.pack("<2I", 15, len(stored)) + stored)
+        stored = deflated(struct.pack("<2I", 14, len(head) + data_bytes) + head, data_bytes)
+        file.write_bytes(b"MATLAB 5.0".ljust(124) + b"\0\1IM" + struct.pack("<2I", 15, len(stored)) + stored)
 
     def test_a_length_of_3_gb_inside_a_packed_element(self, file):
         self.packed(file, (20, 3 * 2**30 // 160), 3 * 2**30 // 160 * 160)

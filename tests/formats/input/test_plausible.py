@@ -117,8 +117,7 @@ class TestCounts:
         assert read(write(file, {"projections": shadow, "flats": flats})).shape[0] == VIEWS
 
     def test_transmissions_are_counts_beside_flats_of_1(self, file, counts):
-        through = counts["projections"] / AIR
-        read(write(file, {"projections": through, "flats": np.ones((1, ROWS, CELLS))}))
+        read(write(file, {"projections": counts["projections"] / AIR, "flats": np.ones((1, ROWS, CELLS))}))
 
     def test_darks_of_zero_are_remarked(self, file, counts):
         remarks = read(write(file, counts | {"darks": np.zeros((1, ROWS, CELLS))})).remarks

@@ -35,8 +35,7 @@ def test_nxtomo_gives_views_flats_darks_angles_and_pitch(nxtomo, stack, angles_d
 
 
 def test_nxtomo_angles_in_radians(nxtomo, angles_deg):
-    scan = read_scan(nxtomo(angle_units="rad"), counts=True)
-    np.testing.assert_allclose(scan.angles_rad, angles_deg, rtol=1e-14)
+    np.testing.assert_allclose(read_scan(nxtomo(angle_units="rad"), counts=True).angles_rad, angles_deg, rtol=1e-14)
 
 
 @pytest.mark.parametrize(("unit", "value"), [("m", 0.0015), ("mm", 1.5), ("um", 1500.0), (b"micron", 1500.0)])
@@ -328,8 +327,7 @@ def test_rows_of_zero_counts_are_missing_where_rows_may_be(tmp_path, stack, angl
     stack[2, 0] = 0.0
     flats = np.full((1, *stack.shape[1:]), 60_000.0, np.float32)
     np.savez(tmp_path / "scan.npz", projections=stack, flats=flats, angles_deg=angles_deg)
-    kept = read_scan(tmp_path / "scan.npz", counts=True)
-    np.testing.assert_array_equal(kept.projections, stack)
+    np.testing.assert_array_equal(read_scan(tmp_path / "scan.npz", counts=True).projections, stack)
     missing = read_scan(tmp_path / "scan.npz", counts=True, rows_missing=True).projections
     assert np.isnan(missing[2, 0]).all()
     assert np.isnan(missing).sum() == stack.shape[2]

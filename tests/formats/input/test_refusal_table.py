@@ -90,8 +90,7 @@ def shuffled_late(path):
     layout.set_deflate(1)
     layout.set_shuffle()
     with h5py.File(path, "w") as file:
-        space = h5py.h5s.create_simple(VALUES.shape)
-        h5py.h5d.create(file.id, b"data", h5py.h5t.NATIVE_DOUBLE, space, layout)
+        h5py.h5d.create(file.id, b"data", h5py.h5t.NATIVE_DOUBLE, h5py.h5s.create_simple(VALUES.shape), layout)
         file["data"][()] = VALUES
 
 
@@ -100,8 +99,7 @@ def matlab(members):
 
     def write(path):
         hdf5(members)(path)
-        stored = path.read_bytes()
-        path.write_bytes(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + bytes(384) + stored)
+        path.write_bytes(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + bytes(384) + path.read_bytes())
 
     return write
 
@@ -123,8 +121,7 @@ OME = (
 
 def text_in_chunks(path):
     with h5py.File(path, "w") as file:
-        text = file.create_dataset("entry/definition", (1,), h5py.string_dtype(), chunks=(1,))
-        text[0] = "NXtomo"
+        file.create_dataset("entry/definition", (1,), h5py.string_dtype(), chunks=(1,))[0] = "NXtomo"
 
 
 def tiff(*pages, **options):

@@ -103,8 +103,7 @@ def test_a_slice_that_unpacks_to_more_is_refused_and_takes_no_more_memory_than_i
         volume_file.write(0, np.ones(shape, np.float32))
     volume_slice(path, shape, 0)
     with h5py.File(path, "r+") as file:
-        bomb = zlib.compress(bytes(2**23)) + bytes(4)
-        file["entry/reconstruction/data"].id.write_direct_chunk((0, 0, 0), bomb)
+        file["entry/reconstruction/data"].id.write_direct_chunk((0, 0, 0), zlib.compress(bytes(2**23)) + bytes(4))
     check_volume(path, shape)
     tracemalloc.start()
     with pytest.raises(DamagedResult, match="does not hold the 16384 bytes"):

@@ -8,7 +8,7 @@ from missing_parts import first_by_day
 from scipy.ndimage import gaussian_filter1d
 
 from sawmill_tomography.calibration.calibrate import calibrate
-from sawmill_tomography.calibration.errors import CalibrationError
+from sawmill_tomography.calibration.refusals import CalibrationError
 from sawmill_tomography.calibration.task import CalibrationTask
 from sawmill_tomography.geometry.geometry import Scanner, SourceFrame, Theta
 from sawmill_tomography.geometry.ray_error import ray_error
@@ -123,11 +123,7 @@ FAULTS = {
         "The views differ in gain or background",
         [Adjustment.VIEW_GAIN],
     ),
-    "beam hardening": (
-        beam_hardening,
-        "Beam hardening of -8",
-        [Adjustment.BEAM_HARDENING, Adjustment.WOOD_DENSITY],
-    ),
+    "beam hardening": (beam_hardening, "Beam hardening of -8", [Adjustment.BEAM_HARDENING, Adjustment.WOOD_DENSITY]),
     "sloping density": (
         sloping_density,
         "density slopes by 12",

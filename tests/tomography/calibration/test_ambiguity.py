@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sawmill_tomography.calibration.calibrate import calibrate
-from sawmill_tomography.calibration.errors import CalibrationError
+from sawmill_tomography.calibration.refusals import CalibrationError
 from sawmill_tomography.calibration.task import CalibrationTask
 from sawmill_tomography.geometry.geometry import Scanner, Theta
 from sawmill_tomography.phantoms.built_in import L_SHAPE

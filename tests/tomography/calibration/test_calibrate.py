@@ -7,8 +7,8 @@ import pytest
 from missing_parts import first_by_day
 
 from sawmill_tomography.calibration.calibrate import calibrate
-from sawmill_tomography.calibration.errors import CalibrationError
 from sawmill_tomography.calibration.fit import refine
+from sawmill_tomography.calibration.refusals import CalibrationError
 from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.calibration.task import CalibrationTask
 from sawmill_tomography.geometry.geometry import (
@@ -38,9 +38,7 @@ seeds_2_or_20 = pytest.mark.parametrize("seeds", [range(2), pytest.param(range(2
 seeds_6_or_20 = pytest.mark.parametrize("seeds", [range(6), pytest.param(range(20), marks=nightly)], ids=len)
 both_phantoms = pytest.mark.parametrize("phantom", BUILT_IN.values(), ids=BUILT_IN)
 by_night_the_other = pytest.mark.parametrize(
-    "phantom",
-    [L_SHAPE, pytest.param(RECTANGLE_WITH_HOLE, marks=nightly)],
-    ids=["l-shape", "rectangle-with-hole"],
+    "phantom", [L_SHAPE, pytest.param(RECTANGLE_WITH_HOLE, marks=nightly)], ids=["l-shape", "rectangle-with-hole"]
 )
 
 
@@ -86,8 +84,7 @@ def repeats(scanner, theta, full_turn):
     def one(name, views, seed):
         geometry = FanBeamGeometry(scanner, theta, full_turn(views))
         sinogram = simulate_sinogram(BUILT_IN[name], geometry, noise=0.02, seed=seed)
-        task = CalibrationTask(scanner, BUILT_IN[name], sinogram, geometry.angles_rad)
-        return calibrate(task, seed=seed)
+        return calibrate(CalibrationTask(scanner, BUILT_IN[name], sinogram, geometry.angles_rad), seed=seed)
 
     return lambda name, views, seeds: [one(name, views, seed) for seed in seeds]
 
@@ -179,11 +176,7 @@ def test_a_hypothesis_that_is_given_is_the_only_one_tried(scan, theta, full_turn
 
 @pytest.mark.parametrize(
     ("phantom", "rotation"),
-    [
-        (L_SHAPE, Rotation.REVERSED),
-        (RECTANGLE_WITH_HOLE, Rotation.AS_GIVEN),
-        (RECTANGLE_WITH_HOLE, Rotation.REVERSED),
-    ],
+    [(L_SHAPE, Rotation.REVERSED), (RECTANGLE_WITH_HOLE, Rotation.AS_GIVEN), (RECTANGLE_WITH_HOLE, Rotation.REVERSED)],
 )
 def test_a_wrong_hypothesis_that_is_given_never_passes(scan, full_turn, phantom, rotation):
     given = {"handedness": Handedness.FROM_BEHIND, "rotation": rotation}
@@ -332,8 +325,7 @@ def test_the_bounds_choose_between_theta_and_its_twin(scan, theta, scanner, full
 
 
 def test_the_angles_of_the_answer_are_in_the_turn(scan, theta, scanner, full_turn):
-    frame = theta.source_frame(scanner.source_to_cor_mm)
-    start = wrap_angle(theta.initial_angle_rad - frame.psi_rad)
+    start = wrap_angle(theta.initial_angle_rad - theta.source_frame(scanner.source_to_cor_mm).psi_rad)
     for seed in (1124, 1125, 1126, 1127):
         found = calibrate(scan(L_SHAPE, full_turn(20), seed=seed, theta=replace(theta, initial_angle_rad=start)))
         for angle in (found.frame.psi_rad, found.theta.initial_angle_rad, found.theta_twin.initial_angle_rad):
@@ -490,8 +482,7 @@ def test_counts_are_calibrated_as_well_as_line_integrals(scanner, theta, full_tu
     parts = (part.astype(np.float32) for part in (made.counts, made.flats, made.darks))
     sinogram = line_integrals(*parts).stack.mean(axis=1, dtype=np.float64)
     task = CalibrationTask(scanner, phantom, sinogram, full_turn(360), from_counts=True)
-    switched_off = frozenset({Adjustment.INTENSITY_AVERAGING})
-    allowed, plain = calibrate(task), calibrate(replace(task, without=switched_off))
+    allowed, plain = calibrate(task), calibrate(replace(task, without=frozenset({Adjustment.INTENSITY_AVERAGING})))
     # Photon noise predicts 0.002 mm.
     assert errors(allowed, theta)[0] < 0.01
     assert errors(plain, theta)[0] > 2.0 * errors(allowed, theta)[0]

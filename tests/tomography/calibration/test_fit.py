@@ -57,8 +57,7 @@ def test_the_covariance_is_that_of_least_squares(cells, true, full_turn):
     fit = refine(L_SHAPE, SinogramData(data, angles, cells), true)
     model, slopes = analytic.project_with_derivative(L_SHAPE, cells, fit.frame, angles, position_mm=fit.position_mm)
     columns = np.stack([*(fit.gain * slope.ravel() for slope in slopes), model.ravel(), np.ones(model.size)], -1)
-    residual = data - fit.gain * model - fit.offset
-    variance = float((residual**2).sum()) / (data.size - 9)
+    variance = float(((data - fit.gain * model - fit.offset) ** 2).sum()) / (data.size - 9)
     scale = 1.0 / np.linalg.norm(columns, axis=0)
     unit = np.linalg.inv((columns * scale).T @ (columns * scale))
     expected = variance * (unit * np.outer(scale, scale))[:7, :7]

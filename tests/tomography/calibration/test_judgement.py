@@ -181,8 +181,7 @@ def test_more_saturated_cells_than_can_be_bridged_are_watched(verdict_of, share,
 )
 def test_a_geometry_that_no_scanner_has_is_watched(frame, limits, code):
     of_scanner = {"detector_pitch_mm": 1.5, "log_radius_mm": 100.0, **limits}
-    shown = SourceFrame(0.0, *frame, 0.0, 0.0)
-    remarks = list(implausible(shown, JudgementLimits(0.1, 0.5, 859.46, **of_scanner)))
+    remarks = list(implausible(SourceFrame(0.0, *frame, 0.0, 0.0), JudgementLimits(0.1, 0.5, 859.46, **of_scanner)))
     expected = [] if code is None else [(Degree.WATCH, (code,))]
     assert [(remark.degree, remark.reason.codes) for remark in remarks] == expected
 

@@ -8,7 +8,7 @@ import pytest
 from tests.support.exact_chords import FRAME, Detector, counted, full_turn, scan
 
 from sawmill_tomography.calibration.calibrate import calibrate
-from sawmill_tomography.calibration.errors import CalibrationError
+from sawmill_tomography.calibration.refusals import CalibrationError
 from sawmill_tomography.calibration.task import CalibrationTask
 from sawmill_tomography.geometry.ray_error import ray_error
 from sawmill_tomography.phantoms.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
@@ -79,8 +79,7 @@ def test_angles_that_swing_are_not_taken_for_lost_views():
 
 def test_a_jump_of_part_of_a_step_is_a_jump():
     angles = full_turn(VIEWS)
-    turned = math.radians(9.0) * (np.arange(VIEWS) >= 20)
-    reasons = assert_right(calibrate(task(angles, angles, turned_rad=turned)))
+    reasons = assert_right(calibrate(task(angles, angles, turned_rad=math.radians(9.0) * (np.arange(VIEWS) >= 20))))
     assert "jump by 9.0 degrees at view 20. " in reasons
 
 

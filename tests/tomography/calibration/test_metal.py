@@ -83,8 +83,7 @@ def test_its_places_are_those_of_the_drawing():
 
 
 def test_without_the_adjustment_metal_stays_in():
-    task = replace(scan(RECTANGLE_WITH_HOLE, *screws(2, 16.0)), without=frozenset({Adjustment.METAL}))
-    found = calibrate(task)
+    found = calibrate(replace(scan(RECTANGLE_WITH_HOLE, *screws(2, 16.0)), without=frozenset({Adjustment.METAL})))
     assert not metal_reported(found)
     assert found.task.screening.weights is None
 

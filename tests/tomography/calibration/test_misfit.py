@@ -28,8 +28,7 @@ def test_the_truth_correlates_fully_under_its_own_hypothesis_alone(scanner, fram
     cells, angles = DetectorCells.of(scanner, binned=12), full_turn(40)
     # Gain and background drop out.
     sinogram = 4.0 + 0.1 * analytic.project(BOTH[handedness], cells, frame, rotation.apply(angles))
-    misfit = CoarseMisfit(BOTH, tuple(Rotation), sinogram, angles, cells)
-    candidates = misfit(start_of(frame))
+    candidates = CoarseMisfit(BOTH, tuple(Rotation), sinogram, angles, cells)(start_of(frame))
     assert len(candidates) == 4
     truth = candidates.pop((handedness, rotation))
     # The table has a turn every 3 degrees, and the views are rounded to it too.

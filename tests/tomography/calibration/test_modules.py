@@ -36,8 +36,7 @@ def task(modules, views, *, known=(), moved_mm=0.0, seed=1, **options):
     """A scan in counts (30 000 photons, ten flats) of the L-phantom on a detector of these modules."""
     angles = full_turn(views)
     shown = scan(WOOD, Detector(CELLS, PITCH_MM, tuple(modules)), FRAME, angles, moved_mm=moved_mm)
-    lines = counted(shown, seed=seed)
-    return CalibrationTask(scanner(known), L_SHAPE, lines, angles, from_counts=True, **options)
+    return CalibrationTask(scanner(known), L_SHAPE, counted(shown, seed=seed), angles, from_counts=True, **options)
 
 
 def off(modules, found):
@@ -82,8 +81,7 @@ def test_derivatives_are_those_of_the_whole_detector(name, row, step):
 
 def test_the_simulator_of_physics_sees_the_same_modules():
     angles = full_turn(6)
-    wood = replace(L_SHAPE, shapes=tuple(WOOD))
-    simulated = simulate_physics(wood, scanner(FOUR), FRAME, angles, seed=1)
+    simulated = simulate_physics(replace(L_SHAPE, shapes=tuple(WOOD)), scanner(FOUR), FRAME, angles, seed=1)
     np.testing.assert_allclose(simulated.signal, scan(WOOD, Detector(CELLS, PITCH_MM, FOUR), FRAME, angles), rtol=1e-9)
 
 

@@ -68,8 +68,7 @@ def posterior_of(design, measured, noise):
     grams, scores = (design.T @ design)[None], (design.T @ measured)[None]
     columns = tuple(map(Column.of, list(Term)[:count]))
     power = float(measured @ measured)
-    views = SimpleNamespace(scores=scores)
-    system = System(columns, views, scores[0], grams[0], power, 0.0, float(samples))
+    system = System(columns, SimpleNamespace(scores=scores), scores[0], grams[0], power, 0.0, float(samples))
     one = Fitted(PACE, columns[-2:])
     one.places = [count - 2, count - 1]
     group = Group(one, np.array([1.0, 2.0]), np.array([0.1, 1.0]), math.log(0.1 / 0.9), 100.0)

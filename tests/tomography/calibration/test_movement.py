@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sawmill_tomography.calibration.movement import likely_cause
+from sawmill_tomography.calibration.comparison import likely_cause
 from sawmill_tomography.geometry.geometry import Scanner, SourceFrame
 
 SCANNER = Scanner(859.46, 768, 1.502864583)

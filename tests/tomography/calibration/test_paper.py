@@ -113,10 +113,9 @@ def test_the_projection_objective_peaks_at_the_truth_of_a_noiseless_scan(geometr
 
 
 def test_where_no_scanner_can_be_there_is_no_correlation(task):
-    source_inside_the_field = Theta(0.0, 700.0, 0.0, 0.0, 0.0)
     near = CalibrationTask(Scanner(250.0, 192, 6.0), L_SHAPE, task.sinogram, task.angles_rad)
     objective = PaperObjective(near, Rotation.AS_GIVEN, SMALL)
-    assert objective(to_vector(source_inside_the_field)) == 0.0
+    assert objective(to_vector(Theta(0.0, 700.0, 0.0, 0.0, 0.0))) == 0.0
 
 
 def test_the_background_is_removed_whatever_it_is(geometry):

@@ -15,8 +15,7 @@ ANGLES = (np.arange(30) + 0.5) * 2.0 * np.pi / 30
 
 
 def stack_of(bodies, noise, seed):
-    rows = [analytic.project(body, DetectorCells.of(SCANNER), FRAME, ANGLES) for body in bodies]
-    stack = np.stack(rows, axis=1)
+    stack = np.stack([analytic.project(body, DetectorCells.of(SCANNER), FRAME, ANGLES) for body in bodies], axis=1)
     return stack + noise * np.random.default_rng(seed).standard_normal(stack.shape)
 
 

@@ -28,8 +28,7 @@ def test_standard_uncertainties_add_in_quadrature_and_half_the_aspect_on_top():
 
 
 def test_a_stated_size_tolerance_is_reported_as_1_96_times_it(scanner, theta):
-    measured = replace(L_SHAPE, size_tolerance=0.001)
-    found = scale_uncertainty(scanner, theta.source_frame(R_S), measured, None, 150.0)
+    found = scale_uncertainty(scanner, theta.source_frame(R_S), replace(L_SHAPE, size_tolerance=0.001), None, 150.0)
     assert found.percent_95 == pytest.approx(0.196)
     unstated = scale_uncertainty(scanner, theta.source_frame(R_S), L_SHAPE, None, 150.0)
     assert unstated.percent_95 == pytest.approx(0.294)
@@ -40,10 +39,9 @@ def test_the_error_of_the_distances_counts(scanner, theta):
     covariance = np.zeros((5, 5))
     # R and SDD off together, as a source that is farther away: R / SDD hardly changes, the scale less than by R alone.
     covariance[1:3, 1:3] = 4.0
-    together = scale_uncertainty(scanner, frame, L_SHAPE, covariance, 150.0)
     alone = scale_uncertainty(scanner, frame, L_SHAPE, np.diag([0.0, 4.0, 0.0, 0.0, 0.0]), 150.0)
     assert alone.statistical == pytest.approx(2.0 / frame.source_distance_mm)
-    assert together.statistical < 0.6 * alone.statistical
+    assert scale_uncertainty(scanner, frame, L_SHAPE, covariance, 150.0).statistical < 0.6 * alone.statistical
 
 
 def test_a_phantom_larger_than_stated_changes_the_scale_alone(scanner, theta, full_turn):

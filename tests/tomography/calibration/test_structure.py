@@ -13,8 +13,7 @@ VIEWS, CELLS = 80, 200
 @pytest.fixture
 def model():
     """A smooth shadow with two sharp ends, which wanders over the detector as the phantom turns."""
-    middle = 0.2 * np.sin(2.0 * np.pi * np.arange(VIEWS) / VIEWS)[:, None]
-    across = np.linspace(-1.0, 1.0, CELLS) - middle
+    across = np.linspace(-1.0, 1.0, CELLS) - 0.2 * np.sin(2.0 * np.pi * np.arange(VIEWS) / VIEWS)[:, None]
     return 100.0 * np.where(np.abs(across) < 0.5, 1.0 + 0.2 * np.cos(3.0 * across), 0.0)
 
 

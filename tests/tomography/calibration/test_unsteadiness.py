@@ -103,8 +103,7 @@ def test_a_slip_that_is_not_fitted_is_reported_and_in_the_error_bars(view, mm):
     ],
 )
 def test_angles_that_are_not_the_turntable_s_are_reported(angles, turn_deg, cause):
-    sinogram = np.concatenate([shadow(angles[:36]), shadow(angles[36:], turn_deg=turn_deg)])
-    found = calibrated(sinogram, 1302)
+    found = calibrated(np.concatenate([shadow(angles[:36]), shadow(angles[36:], turn_deg=turn_deg)]), 1302)
     assert any(reason.startswith(cause) for reason in found.judgement.reasons), found.judgement
     assert error_mm(found) < min(LIMIT_MM, found.findings.error_bars.predicted_ray_error.upper_95_mm)
 

@@ -168,8 +168,7 @@ def test_derivatives_by_wood_are_those_of_the_prediction(phantom, counts):
 
 
 def test_a_bowed_body_lies_on_parabolas():
-    body = L_SHAPE.warped((3.0, 0.0), (0.0, 0.0), RADIUS_MM)
-    corners = np.array(body.shapes[0].vertices_mm)
+    corners = np.array(L_SHAPE.warped((3.0, 0.0), (0.0, 0.0), RADIUS_MM).shapes[0].vertices_mm)
     # The left and the right side, of which every corner has moved by 3 mm (y / radius)^2.
     x, y = corners.T
     moved = 3.0 * (y / RADIUS_MM) ** 2

@@ -228,8 +228,7 @@ def test_logs_that_differ_tell_the_tilt_that_neither_sees():
 
 
 def test_fifty_looks_know_u_c_to_a_fiftieth_of_a_millimetre_as_they_say():
-    errors = np.random.default_rng(1).standard_normal((100, 50, 2))
-    many = [pooled(looks_of(each)) for each in errors]
+    many = [pooled(looks_of(each)) for each in np.random.default_rng(1).standard_normal((100, 50, 2))]
     found = np.array([each.change.values for each in many])
     assert many[0].change.deviations[0] < 0.02 / 3.0
     chi_squared = np.einsum("ki,ij,kj->k", found, np.linalg.inv(many[0].change.covariance), found)
@@ -248,8 +247,7 @@ def test_outliers_are_left_out_and_counted(number):
 
 def test_a_baseline_cancels_what_stays_and_adds_its_own_error():
     stays = np.array([0.15, 0.002])
-    errors = np.random.default_rng(3).standard_normal((BASELINE_LOOKS, 2))
-    baseline = Baseline.of(looks_of(errors, truth=stays))
+    baseline = Baseline.of(looks_of(np.random.default_rng(3).standard_normal((BASELINE_LOOKS, 2)), truth=stays))
     zero = baseline.estimate.change
     np.testing.assert_allclose(LOOK + zero.covariance, LOOK * (1.0 + 1.0 / BASELINE_LOOKS), rtol=0.02)
     assert abs(stays[0] - zero.cor_column_mm) < 3.0 * zero.deviations[0]
@@ -296,7 +294,6 @@ def dense(days, means, covariance, shape):
     for k in range(size):
         weight[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = np.linalg.inv(covariance[k])
     constant = np.kron(np.ones((size, 1)), np.eye(2))
-    design = np.hstack([constant, np.kron(shape[:, None], np.eye(2))])
     values = means.ravel()
 
     def fitted(of):
@@ -306,7 +303,7 @@ def dense(days, means, covariance, shape):
         return found, np.linalg.inv(normal), rest @ weight @ rest
 
     _, _, without = fitted(constant)
-    found, spread, with_change = fitted(design)
+    found, spread, with_change = fitted(np.hstack([constant, np.kron(shape[:, None], np.eye(2))]))
     return without - with_change, found[2:], spread[2:, 2:]
 
 
@@ -329,9 +326,8 @@ def test_scatter_is_found_by_direction_and_moved_by_neither_jump_nor_trend():
     covariance = np.tile(spread, (size, 1, 1))
     ratio = LookSpread.of_looks(errors, covariance).ratio
     np.testing.assert_allclose(ratio, np.diag([1.0, 9.0]), atol=1.2)
-    jumping = errors + 100.0 * (np.arange(size) > 400)[:, None]
     sliding = errors + 0.02 * np.arange(size)[:, None]
-    for moved in (jumping, sliding):
+    for moved in (errors + 100.0 * (np.arange(size) > 400)[:, None], sliding):
         np.testing.assert_allclose(LookSpread.of_looks(moved, covariance).ratio, ratio, atol=0.2)
 
 

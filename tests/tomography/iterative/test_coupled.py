@@ -46,8 +46,7 @@ def truth():
 def test_the_gradient_is_that_of_the_value(projector, lines):
     prior = TotalVariationPrior(np.full(SLICES, 4e-4), np.full(SLICES, 300.0), np.full(SLICES, 0.02))
     weights = np.full((1, 1, 1), 100.0, np.float32) * np.ones_like(lines)
-    coupling = np.array([0.5, 0.0, 0.5, 1.0, 0.5])
-    objective = CoupledObjective(Objective(projector, lines, weights, prior), coupling)
+    objective = CoupledObjective(Objective(projector, lines, weights, prior), np.array([0.5, 0.0, 0.5, 1.0, 0.5]))
     rng = np.random.default_rng(2510)
     here = (0.018 * rng.random((1, SLICES, SIZE, SIZE))).astype(np.float32)
     way = (1e-3 * rng.standard_normal(here.shape)).astype(np.float32)

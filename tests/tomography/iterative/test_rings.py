@@ -69,10 +69,9 @@ def test_directions_are_across_the_rings_of_an_eccentric_log(pith_mm):
     at = np.stack(np.meshgrid(middles, middles, indexing="ij"))
     away, pith = np.hypot(*at), np.array(pith_mm)[:, None, None]
     # Halfway, the centre of the ring is half of the pith's displacement away.
-    halfway = (away > 40.0) & (away < 50.0)
     normal = at - 0.5 * pith
     cosine = np.abs(x * normal[0] + y * normal[1]) / np.hypot(*normal)
-    assert np.quantile(cosine[halfway], 0.1) > 0.97
+    assert np.quantile(cosine[(away > 40.0) & (away < 50.0)], 0.1) > 0.97
 
 
 @pytest.mark.slow

@@ -172,17 +172,15 @@ def test_a_wobble_is_in_the_hall(scan):
 
 def test_an_eccentric_encoder_and_a_wrong_pace_are_other_angles(scan):
     made = scan(motion=MotionEffects(encoder_deg=0.5, encoder_phase_deg=40.0, pace_percent=0.2))
-    swing = np.deg2rad(0.5) * np.cos(ANGLES - np.deg2rad(40.0))
-    true = ANGLES + 0.002 * (ANGLES - ANGLES[0]) + swing
+    true = ANGLES + 0.002 * (ANGLES - ANGLES[0]) + np.deg2rad(0.5) * np.cos(ANGLES - np.deg2rad(40.0))
     np.testing.assert_allclose(made.signal, scan(angles=true).signal, atol=1e-11)
 
 
 def test_an_exposure_is_the_mean_of_the_views_in_it(scan):
     """Of 41 sharp views within a step; 32 rays a cell for 41 times 8 leave 0.02 at a cell of an edge."""
     angles = ANGLES[:4]
-    step = angles[1] - angles[0]
     made = scan(angles=angles, motion=MotionEffects(exposure_steps=0.2))
-    times = 0.2 * step * ((np.arange(41) + 0.5) / 41 - 0.5)
+    times = 0.2 * (angles[1] - angles[0]) * ((np.arange(41) + 0.5) / 41 - 0.5)
     expected = np.mean([scan(angles=angles + time).signal for time in times], axis=0)
     np.testing.assert_allclose(made.signal, expected, atol=0.02)
     assert made.signal.mean() == pytest.approx(expected.mean(), abs=2e-4)

@@ -41,8 +41,7 @@ def test_flats_and_darks_are_averaged_and_without_darks_the_counts_are_taken_as_
 
 def test_each_cell_has_its_own_gain():
     gain = np.random.default_rng(702).uniform(0.5, 1.5, (ROWS, CELLS))
-    integrals = np.full((VIEWS, ROWS, CELLS), 2.0)
-    counts = (gain * AIR * np.exp(-integrals) + DARK).astype(np.float32)
+    counts = (gain * AIR * np.exp(-np.full((VIEWS, ROWS, CELLS), 2.0)) + DARK).astype(np.float32)
     flats = (gain * AIR + DARK).astype(np.float32)[None]
     darks = np.full((1, ROWS, CELLS), DARK, np.float32)
     np.testing.assert_allclose(line_integrals(counts, flats, darks).stack, 2.0, atol=1e-4)
@@ -139,8 +138,7 @@ def test_few_saturated_cells_are_bridged_and_named(largest):
 
 
 def test_many_saturated_cells_are_named_with_their_remedy_and_a_scan_brighter_than_its_flats():
-    result = line_integrals(*saturated(4095.0, 1.05), None)
-    (sentence,) = said_of_saturation(result)
+    (sentence,) = said_of_saturation(line_integrals(*saturated(4095.0, 1.05), None))
     assert sentence.message is PreparingMessage.SATURATED_FLATS
     assert "Lower the tube's current or the exposure" in sentence
     counts, _ = saturated(4095.0, 1.05)

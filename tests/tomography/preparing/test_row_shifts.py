@@ -164,9 +164,8 @@ class TestByMass:
         lumps = [np.exp(-0.5 * ((rows + truth[:, None] - height) / 5.0) ** 2) for height in (26.0, 36.0)]
         near, across = 0.1 * np.cos(angles)[:, None], np.sin(angles)[:, None]
         mass = 500.0 + 60.0 * ((1.0 + near) * lumps[0] + (1.0 - near) * lumps[1])
-        moments = RowMoments(mass, 60.0 * 25.0 * across * (lumps[0] - lumps[1]))
         unmended = apart(shifts_by_mass(even(mass), angles), truth)
-        mended = apart(shifts_by_mass(moments, angles), truth)
+        mended = apart(shifts_by_mass(RowMoments(mass, 60.0 * 25.0 * across * (lumps[0] - lumps[1])), angles), truth)
         assert unmended.std() > 0.2
         assert mended.std() < 0.02
 
@@ -235,8 +234,7 @@ class TestByFeatures:
 class TestAligned:
     def test_whole_rows_keep_their_numbers_and_are_not_resampled(self, sparse):
         lost, truth = lose_rows(sparse[0], 31)
-        shifts = RowShifts.of(truth.astype(np.float64), np.zeros(60), present_rows(lost))
-        mended = aligned(lost, shifts)
+        mended = aligned(lost, RowShifts.of(truth.astype(np.float64), np.zeros(60), present_rows(lost)))
         there = present_rows(mended)
         np.testing.assert_array_equal(there.sum(axis=1), present_rows(lost).sum(axis=1))
         np.testing.assert_array_equal(mended[there], sparse[0][there])

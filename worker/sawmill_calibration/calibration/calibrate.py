@@ -18,9 +18,9 @@ from sawmill_contracts.reasons import CodedReason
 from sawmill_tomography.calibration.alternatives import Alternatives
 from sawmill_tomography.calibration.calibrate import calibrate
 from sawmill_tomography.calibration.calibration import CalibrationOutcome
-from sawmill_tomography.calibration.errors import CalibrationError
 from sawmill_tomography.calibration.phantom_rows import odd_rows, segments
 from sawmill_tomography.calibration.recalling import Evaluations, RecallingObjective
+from sawmill_tomography.calibration.refusals import CalibrationError
 from sawmill_tomography.calibration.search.search import SearchCallback
 from sawmill_tomography.calibration.task import CalibrationTask
 from sawmill_tomography.geometry.geometry import FloatArray

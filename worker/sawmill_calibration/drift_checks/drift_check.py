@@ -99,7 +99,6 @@ def check_drift(
         if masked is None or error.code not in MASKED_CAUSES:
             raise
         raise change.DriftError(error.code, f"{error}. {masked} Wide masks do that too: send narrower ones") from error
-    came = () if scan.averaged_rows is None else scan.remarks
     covariance = None if calibration.covariance is None else np.array(calibration.covariance)
     absolute = change.drift_change(scanner, calibrated, covariance, fit, radius_mm=radius_mm)
     method = _method(fit)
@@ -144,7 +143,7 @@ def check_drift(
         relative_residual=fit.relative_residual,
         encoder_bound_mm=fit.encoder_bound_mm,
         disturbances=[_disturbance(each, amplitude) for each, amplitude in fit.disturbances.items()],
-        adjustments=[*came, *mean.remarks, *fit.adjustments],
+        adjustments=[*(() if scan.averaged_rows is None else scan.remarks), *mean.remarks, *fit.adjustments],
         scanner=scanner,
         views=int(angles_rad.size),
         rows=scan.rows,
@@ -236,9 +235,8 @@ def _of_the_detector(
     if not within and changed.ray_change_mm > allowed_mm:
         cause = LogMessage.MOVED(cause, **moved)
     elif not within:
-        scale_percent = 100.0 * changed.scale_change
         allowed_percent = reference.tolerance_scale_percent
-        cause = LogMessage.RESCALED(cause, scale_percent=scale_percent, allowed_percent=allowed_percent)
+        cause = LogMessage.RESCALED(cause, scale_percent=100.0 * changed.scale_change, allowed_percent=allowed_percent)
     elif changed.ray_change_mm > (limit_mm := _calibration_limit_mm(reference.calibration)):
         cause = LogMessage.BEYOND_CALIBRATION(cause, **moved, limit_mm=limit_mm)
     elif changed.moved:

@@ -169,8 +169,7 @@ def _draw_logs(part: SubFigure, log: LogImages, reader: Reader) -> None:
 def _residual_title(result: CalibrationResult, reader: Reader) -> str:
     share = N_("RMS %(rms)s, %(share)s %% of the sinogram.")
     of_sinogram = {"rms": f"{result.residual.rms:.3g}", "share": f"{100 * result.residual.relative:.3g}"}
-    title = f"{reader.words(N_('Residual: measured less model'))}: {reader.words(share) % of_sinogram}"
-    return reader.localised(title)
+    return reader.localised(f"{reader.words(N_('Residual: measured less model'))}: {reader.words(share) % of_sinogram}")
 
 
 def _draw_one_log(image: NDArray[np.float32], field_mm: float, window: Window, figure: Figure) -> None:

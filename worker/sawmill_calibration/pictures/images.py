@@ -150,11 +150,7 @@ def image_png16(
 
 
 def sinogram_png(
-    sinogram: NDArray[np.floating[Any]],
-    *,
-    angles_deg: NDArray[np.floating[Any]],
-    pitch_mm: float,
-    unit: str,
+    sinogram: NDArray[np.floating[Any]], *, angles_deg: NDArray[np.floating[Any]], pitch_mm: float, unit: str
 ) -> bytes:
     """Draw a sinogram for people: 8-bit grey, views downwards with their angles, the detector to the right in mm.
 

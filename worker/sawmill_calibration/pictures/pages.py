@@ -192,8 +192,7 @@ def draw_scale_bar(draw: Drawing, layout: Layout, mm_per_px: float, across_px: i
 def draw_orientation(draw: Drawing, layout: Layout) -> None:
     """Draw the directions of x and y in a slice, below the panel."""
     below = layout.top + layout.panel[1] + round(1.7 * layout.font_px)
-    right = layout.left + layout.panel[0]
-    draw.text((right, below), "down +x, right +y", fill=FRAME, font=layout.font, anchor="rm")
+    draw.text((layout.left + layout.panel[0], below), "down +x, right +y", fill=FRAME, font=layout.font, anchor="rm")
 
 
 def draw_bottom_axis(draw: Drawing, layout: Layout, span: Span, label: str) -> None:

@@ -154,14 +154,13 @@ def _draw_profile(ax: Axes, positions: Array, residual: Array, *, axis: int) -> 
     """Draw RMS and mean over an axis of the residual, and return both lines."""
     rms, mean = np.sqrt(np.mean(residual**2, axis=axis)), np.mean(residual, axis=axis)
     highest = min(1.05 * float(rms.max()), TALLEST * float(np.percentile(rms, 98.0))) or 1.0
-    lowest = max(1.05 * min(float(mean.min()), 0.0), -highest)
     upright = axis == 1
     lines = [
         ax.plot(*((values, positions) if upright else (positions, values)), color=color, linewidth=1.1)[0]
         for values, color in ((rms, RMS), (mean, ANSWER))
     ]
     (ax.axvline if upright else ax.axhline)(0, color="0.75", linewidth=0.8)
-    (ax.set_xlim if upright else ax.set_ylim)(lowest, highest)
+    (ax.set_xlim if upright else ax.set_ylim)(max(1.05 * min(float(mean.min()), 0.0), -highest), highest)
     ax.spines[["top", "right"]].set_visible(False)
     return lines
 

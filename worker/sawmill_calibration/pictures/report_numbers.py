@@ -72,10 +72,9 @@ def theta_rows(geometry: FoundGeometry) -> list[ReportedParameter]:
 
 def theta_values(theta: Theta) -> list[str]:
     """Format the five parameters of a theta as in `theta_rows`."""
-    lengths = (theta.detector_to_cor_mm, theta.source_shift_mm, theta.detector_shift_mm)
     return [
         f"{math.degrees(theta.initial_angle_rad):.4f}°",
-        *(f"{length:.3f} mm" for length in lengths),
+        *(f"{length:.3f} mm" for length in (theta.detector_to_cor_mm, theta.source_shift_mm, theta.detector_shift_mm)),
         f"{_slope_degrees(theta):.4f}°",
     ]
 
@@ -167,9 +166,8 @@ def hypothesis_rows(pose: PhantomPose) -> list[tuple[str, str, str]]:
 
 def witness_rows(witness: LogCheck) -> list[tuple[str, str, str]]:
     """Return u_c and tilt by the phantom and by the log, their difference, and the reported values."""
-    parts = (N_("phantom"), N_("log"), N_("difference"), N_("reported"))
     rows = []
-    for part in parts:
+    for part in (N_("phantom"), N_("log"), N_("difference"), N_("reported")):
         value, spread = getattr(witness, part), getattr(witness, f"{part}_standard_deviation")
         column = f"{value.cor_column_mm:.3f} mm {_plus_minus(spread.cor_column_mm, 'mm')}"
         rows.append((part, column, f"{math.degrees(value.tilt_rad):.4f}° {_plus_minus_degrees(spread.tilt_rad)}"))

@@ -74,7 +74,6 @@ def report_html(
     ValueError
         The arrays do not agree with one another.
     """
-    both = TwoQuestions.of(result, about.tolerances)
     step = about.step or step_alone(result, about.tolerances, active=about.active is True)
     panels = {}
     if arrays is not None:
@@ -88,7 +87,7 @@ def report_html(
         .render(
             result=result,
             about=about,
-            both=both,
+            both=TwoQuestions.of(result, about.tolerances),
             movement=AnythingMoved.of(result, accepted=about.active is True),
             step=step,
             words=step.reason.in_words(reader),
@@ -127,11 +126,7 @@ def page_templates(reader: Reader = ENGLISH) -> Environment:
     templates.install_gettext_callables(reader.words, ngettext, newstyle=True)  # type: ignore[attr-defined]
     written = {"mm": in_mm, "in_length": in_length, "percent": in_percent}
     templates.filters |= {name: _localised(function, reader) for name, function in written.items()}
-    templates.filters |= {
-        "localised": reader.localised,
-        "moment": numbers.moment,
-        "css_text": css_text,
-    }
+    templates.filters |= {"localised": reader.localised, "moment": numbers.moment, "css_text": css_text}
     templates.globals |= {
         "gauge": gauge,
         "reader": reader,

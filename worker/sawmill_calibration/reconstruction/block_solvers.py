@@ -157,12 +157,7 @@ class _DirectSolver:
     halo = 0
 
     def __init__(
-        self,
-        method: DirectMethod,
-        task: LogTask,
-        general: BlockFindings,
-        report: Report,
-        settings: Settings | None,
+        self, method: DirectMethod, task: LogTask, general: BlockFindings, report: Report, settings: Settings | None
     ) -> None:
         views, cells = task.projector.geometry.sinogram_shape
         size = task.projector.grid.size
@@ -395,14 +390,13 @@ class _FittedSolver:
 
     def _find_knot_contrasts(self, method: TotalVariation, findings: BlockFindings) -> None:
         """Add the contrast that knots keep in the middle slice, and a remark where small knots fade."""
-        weights = {name: float(np.median(values)) for name, values in findings.parameters.items()}
         sample = self._metal(_levelled(self._task.sample[None], self._general))
         if not sample.lines.any():
             return
         contrasts = knot_contrasts(
             self._projector,
             sample.lines[0],
-            method.with_choice(weights),
+            method.with_choice({name: float(np.median(values)) for name, values in findings.parameters.items()}),
             noise=self._noise(sample.lines, sample.uncertainty),
         )
         if contrasts is None:

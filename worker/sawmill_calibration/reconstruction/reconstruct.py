@@ -299,7 +299,6 @@ class _Run:
         """Create a volume (slice, x, y) as HDF5 with all data about its origin."""
         scan, geometry, options = self._scan, self._geometry, self._options
         # Fields of the request beyond the options, for example a job's identifiers, are no parameters of the method.
-        parameters = options.model_dump(mode="json", exclude_none=True, include=set(ReconstructionOptions.model_fields))
         pitch = self._scanner.row_pitch_mm
         step = "" if scan.row_step == 1 else f":{scan.row_step}"
         return new_reconstruction(
@@ -320,7 +319,7 @@ class _Run:
                 "handedness": geometry.handedness.value,
             },
             parameters={
-                **parameters,
+                **options.model_dump(mode="json", exclude_none=True, include=set(ReconstructionOptions.model_fields)),
                 "views": self.views,
                 "rows": f"{scan.rows[0]}:{scan.rows[1]}{step}",
                 "preparation": list(scan.remarks),
@@ -449,9 +448,8 @@ class _SliceProgress:
 
     def _send(self, done: float, seconds_left: float | None) -> None:
         # The last slices are finished before they are written.
-        fraction = done / (self._slices + 1)
         rounded = None if seconds_left is None else round(seconds_left, 1)
-        self._report(Progress(fraction=fraction, stage="reconstruct", seconds_left=rounded))
+        self._report(Progress(fraction=done / (self._slices + 1), stage="reconstruct", seconds_left=rounded))
 
 
 class ValueRange:

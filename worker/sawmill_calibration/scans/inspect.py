@@ -269,11 +269,7 @@ def _missing(
         yield MissingPart(name="dark fields", flag="--darks", why=why, needed=False)
     why = f"calibrate needs the distance from the source to the centre of rotation, and reads it from no scan{hint}"
     yield MissingPart(
-        name="source to centre of rotation",
-        flag="--source-to-cor-mm",
-        field="source_to_cor_mm",
-        why=why,
-        needed=False,
+        name="source to centre of rotation", flag="--source-to-cor-mm", field="source_to_cor_mm", why=why, needed=False
     )
 
 

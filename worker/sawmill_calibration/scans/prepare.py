@@ -20,7 +20,6 @@ from sawmill_formats.input.canonical import AveragedRows, CanonicalScan
 from sawmill_formats.output.scan_writer import RowsPresent, new_scan
 from sawmill_tomography.preparing.line_integrals import SATURATION, Exposure
 from sawmill_tomography.preparing.row_corrections import Corrections, RowCorrector
-from sawmill_tomography.sinograms.air import DecidedAirCorrection
 from sawmill_tomography.sinograms.present_rows import bridge_masked, present_rows
 from sawmill_tomography.sinograms.screening import usable_views
 from sawmill_vocabulary import AirCorrection, FaultyCells, Progress, ProgressCallback, RingRemoval, RowAlignment
@@ -63,12 +62,11 @@ class AveragedRays:
         """Report what was sent, and how it was changed."""
         alone = self._averaged.deviations is None
         came = PreparingMessage.MEAN_OF_ROWS if alone else PreparingMessage.MEAN_WITH_DEVIATIONS
-        masked = (
+        return came(rows=self._averaged.rows), (
             PreparingMessage.RAYS_MASKED(masked=self._masked, samples=self._samples)
             if self._masked
             else PreparingMessage.NO_RAY_MASKED()
         )
-        return came(rows=self._averaged.rows), masked
 
 
 def of_masked_rays(remarks: Collection[str]) -> str | None:
@@ -144,9 +142,8 @@ def prepare_scan(
         prepare = partial(_prepare_rows, written.data, preparation, window_bytes, progress) if afterwards else None
         aligned: AlignedRows | None = None
         if aligns:
-            views = Views(written.data, present, at_a_time, lambda samples: progress.add(samples, "align rows"))
             aligned = align_rows(
-                views,
+                Views(written.data, present, at_a_time, lambda samples: progress.add(samples, "align rows")),
                 read.angles_rad,
                 options.align_rows,
                 estimate=preparation.estimate,
@@ -276,17 +273,13 @@ def _corrections(options: PrepareOptions, *, counts: bool) -> Corrections:
     by_kind = FaultyCells.BRIDGE if counts else FaultyCells.KEEP
     faulty_cells = by_kind if options.faulty_cells is FaultyCells.AUTO else options.faulty_cells
     return Corrections(
-        air=_decided_air(options.air, counts=counts),
+        air=(AirCorrection.VIEWS if counts else AirCorrection.OFF)
+        if options.air is AirCorrection.AUTO
+        else options.air,
         largest_air_level=LARGEST_DRIFT if automatic else math.inf,
         bridge_faulty_cells=faulty_cells is FaultyCells.BRIDGE,
         remove_rings=options.rings is RingRemoval.SORTING,
     )
-
-
-def _decided_air(air: AirCorrection, *, counts: bool) -> DecidedAirCorrection:
-    if air is AirCorrection.AUTO:
-        return AirCorrection.VIEWS if counts else AirCorrection.OFF
-    return air
 
 
 class _PassProgress:

@@ -31,10 +31,7 @@ def opened(path: Path) -> Iterator[ZipFile]:
 
 
 class _Counted(io.FileIO):
-    """A file that lets its archive's directory be read only where it has few enough entries.
-
-    The standard library reads the directory in one piece and makes an object for each entry, however many there are.
-    """
+    """A file whose archive's directory may be read only where it is short: the library makes objects of entries."""
 
     largest: float = LARGEST_DIRECTORY_BYTES
 

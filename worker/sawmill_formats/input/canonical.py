@@ -198,7 +198,16 @@ class CanonicalScan:
         else:
             outside.check_rise()
         for view in np.flatnonzero(missing.any(axis=1)):
-            _check_ends(int(view), missing[view])
+            there = np.flatnonzero(~missing[view])
+            if not there.size:
+                raise _lacking_throughout(int(view))
+            between = missing[view][there[0] : there[-1]]
+            if between.any():
+                raise UnreadableScan(
+                    "rows-missing",
+                    f"view {view} lacks row {int(there[0] + between.argmax())} between others; only rows at the top "
+                    "or the bottom can be missing",
+                )
 
     def _block(
         self, views: slice, rows: slice, missing: NDArray[np.bool_], outside: plausible.SamplesOutside
@@ -253,8 +262,29 @@ def _whole(fitting: int, piece: int) -> int:
 def check_scan(scan: CanonicalScan) -> None:
     """Refuse a scan whose parts do not agree, with one sentence that names the first thing wrong."""
     _check_shapes(scan)
-    _check_angles(scan.angles_rad)
-    _check_kind(scan)
+    plausible.check_angles(np.rad2deg(scan.angles_rad))
+    standing = np.abs(np.remainder(np.diff(scan.angles_rad) + np.pi, 2 * np.pi) - np.pi) < SAME_DIRECTION_RAD
+    if standing.any():
+        view = int(np.argmax(standing))
+        raise UnreadableScan(
+            "angles-repeated",
+            f"views {view} and {view + 1} have the same direction ({np.rad2deg(scan.angles_rad[view]):g} degrees); "
+            "the object must turn between two views",
+        )
+    if scan.counts and scan.flats is None:
+        left_out = next(selected(scan.remarks, ReadingMessage.IMAGES_LEFT_OUT), None)
+        raise UnreadableScan(
+            "flats-missing",
+            "counts need at least one flat field: images with image_key 1 in NXtomo, exchange/data_white in Data "
+            "Exchange, an array named flats in NPZ, MAT or HDF5, files named flat* in a ZIP; on the command line also "
+            "in a file of their own (--flats); or declare line integrals" + (f". {left_out}" if left_out else ""),
+        )
+    if not scan.counts and (scan.flats is not None or scan.darks is not None):
+        raise UnreadableScan(
+            "contradiction",
+            "the data were declared line integrals but the file carries flat or dark fields, as counts do; "
+            "declare counts, or upload the line integrals without those fields",
+        )
     for name, fields in (("flat", scan.flats), ("dark", scan.darks)):
         if fields is not None:
             for index, image in enumerate(fields):
@@ -284,50 +314,7 @@ def _check_shapes(scan: CanonicalScan) -> None:
             check_fields(name, fields.shape, of_view)
 
 
-def _check_angles(angles_rad: NDArray[np.float64]) -> None:
-    plausible.check_angles(np.rad2deg(angles_rad))
-    standing = np.abs(np.remainder(np.diff(angles_rad) + np.pi, 2 * np.pi) - np.pi) < SAME_DIRECTION_RAD
-    if standing.any():
-        view = int(np.argmax(standing))
-        raise UnreadableScan(
-            "angles-repeated",
-            f"views {view} and {view + 1} have the same direction ({np.rad2deg(angles_rad[view]):g} degrees); "
-            "the object must turn between two views",
-        )
-
-
-def _check_kind(scan: CanonicalScan) -> None:
-    if scan.counts and scan.flats is None:
-        left_out = next(selected(scan.remarks, ReadingMessage.IMAGES_LEFT_OUT), None)
-        raise UnreadableScan(
-            "flats-missing",
-            "counts need at least one flat field: images with image_key 1 in NXtomo, exchange/data_white in Data "
-            "Exchange, an array named flats in NPZ, MAT or HDF5, files named flat* in a ZIP; on the command line also "
-            "in a file of their own (--flats); or declare line integrals" + (f". {left_out}" if left_out else ""),
-        )
-    if not scan.counts and (scan.flats is not None or scan.darks is not None):
-        raise UnreadableScan(
-            "contradiction",
-            "the data were declared line integrals but the file carries flat or dark fields, as counts do; "
-            "declare counts, or upload the line integrals without those fields",
-        )
-
-
-def _check_ends(view: int, missing: NDArray[np.bool_]) -> None:
-    there = np.flatnonzero(~missing)
-    if not there.size:
-        raise _lacking_throughout(view)
-    between = missing[there[0] : there[-1]]
-    if between.any():
-        raise UnreadableScan(
-            "rows-missing",
-            f"view {view} lacks row {int(there[0] + between.argmax())} between others; only rows at the top or the "
-            "bottom can be missing",
-        )
-
-
 def _lacking_throughout(view: int) -> UnreadableScan:
     return UnreadableScan(
-        "not-finite",
-        f"view {view} has no signal: NaN, or for counts 0, in every cell; leave it out, with its angle",
+        "not-finite", f"view {view} has no signal: NaN, or for counts 0, in every cell; leave it out, with its angle"
     )

@@ -330,6 +330,5 @@ def _as_one(run: list[Part]) -> Part:
     first, last = run[0], run[-1]
     if len(run) == 1:
         return first
-    stored = sum(part.stored_bytes or 0 for part in run)
     name = f"{first.name} to {last.name.rpartition('/')[2]}"
-    return replace(first, name=name, count=len(run), stored_bytes=stored or None)
+    return replace(first, name=name, count=len(run), stored_bytes=sum(part.stored_bytes or 0 for part in run) or None)

@@ -74,11 +74,7 @@ def sorted_images(
 
 
 def _kinds(paths: Sequence[str], *, of_fields: bool) -> list[FieldKind | None]:
-    """Return the kind of fields that each image's name or its nearest folder states.
-
-    A word that most of the images have belongs to the log, as in `white_oak` or `flat_sawn`, unless a name begins with
-    flat or dark.
-    """
+    """Return the kind that each image's name or nearest folder states, not by a word that most of them have."""
     words = [[_field_words(part) for part in reversed(PurePosixPath(path).parts)] for path in paths]
     unsure = [set().union(*parts) for parts in words if not any("^" in word for part in parts for word in part)]
     counts = Counter(chain.from_iterable(unsure))
@@ -89,10 +85,7 @@ def _kinds(paths: Sequence[str], *, of_fields: bool) -> list[FieldKind | None]:
 
 
 def _field_words(part: str) -> dict[str, FieldKind]:
-    """Return the words of a name that name fields, the first one of the name marked by ^.
-
-    Flat and dark tell more than other words.
-    """
+    """Return a name's words that name fields, the first marked by ^: flat and dark tell more than other words."""
     stem = PurePosixPath(part).stem
     words = words_of(stem)
     kinds = {} if _OF_VIEWS.intersection(words) else kinds_in(words)

@@ -244,14 +244,13 @@ def _described(stream: VariableStream, here: Variable) -> tuple[str, Variable]:
     if min(shape, default=0) < 0:
         raise ValueError(f"the shape {shape} is declared")
     name = _head(stream).decode("latin-1").rstrip("\0")
-    described = replace(
+    return name, replace(
         here,
         kind="logical" if flags >> 8 & LOGICAL else kind,
         shape=shape,
         is_complex=bool(flags >> 8 & COMPLEX),
         position=stream.position,
     )
-    return name, described
 
 
 def _field_names(stream: VariableStream) -> list[str]:

@@ -110,9 +110,8 @@ def read_header(stream: BinaryIO | Any) -> NpyHeader:  # noqa: ANN401 - a member
             f"the array's header claims to have {length} bytes; at most {LONGEST_HEADER_BYTES} are read: store a plain "
             "array of numbers",
         )
-    header = io.BytesIO(prefix + stream.read(length))
     read = npy_format.read_array_header_1_0 if version == (1, 0) else npy_format.read_array_header_2_0
-    shape, fortran_order, dtype = read(header)
+    shape, fortran_order, dtype = read(io.BytesIO(prefix + stream.read(length)))
     if any(n > LONGEST_AXIS for n in shape):
         raise UnreadableScan("too-large", f"the array declares an axis longer than {LONGEST_AXIS}; export it again")
     if any(n < 0 for n in shape):

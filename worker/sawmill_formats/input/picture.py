@@ -41,7 +41,14 @@ def read_picture(path: Path, free_bytes: int | None = None) -> NDArray[np.float3
     if not is_picture(path):
         raise UnreadableScan("picture-not-png", "the phantom's picture is not a PNG file; export it as one")
     with opened_picture(path) as picture:
-        _check_memory(*picture.size, free_bytes)
+        width, height = picture.size
+        needed = BYTES_A_PIXEL * width * height
+        if needed > HARMLESS_BYTES and free_bytes is not None and needed > MEMORY_SHARE * free_bytes:
+            raise UnreadableScan(
+                "too-large",
+                f"the picture has {width} x {height} pixels, and tracing them needs {needed} bytes of memory while "
+                f"{free_bytes} are free; save it smaller",
+            )
         return np.asarray(_grey(picture), np.float32)
 
 
@@ -50,16 +57,6 @@ def _grey(picture: Image.Image) -> Image.Image:
     if picture.mode in {"1", "L", "RGB"}:
         return picture.convert("L")
     return picture if picture.mode in BITS else picture.convert("RGB").convert("L")
-
-
-def _check_memory(width: int, height: int, free_bytes: int | None) -> None:
-    needed = BYTES_A_PIXEL * width * height
-    if needed > HARMLESS_BYTES and free_bytes is not None and needed > MEMORY_SHARE * free_bytes:
-        raise UnreadableScan(
-            "too-large",
-            f"the picture has {width} x {height} pixels, and tracing them needs {needed} bytes of memory while "
-            f"{free_bytes} are free; save it smaller",
-        )
 
 
 def is_picture(path: Path) -> bool:

@@ -324,7 +324,20 @@ def agree_on_angles(
         )
     angles = angles_given.expand(contents.projections.shape[0])
     if carried.deg is not None:
-        _check_same_angles(carried.deg, angles)
+        if carried.deg.shape != angles.shape:
+            raise UnreadableScan(
+                "angles-mismatch",
+                f"the file carries {carried.deg.size} angles for {angles.size} views; each view needs its own",
+            )
+        # A file may keep its angles in single precision, which is coarser than the tolerance near 360 degrees.
+        different = ~(np.abs(carried.deg - angles) <= ANGLE_TOLERANCE_DEG + SINGLE_PRECISION * np.abs(angles))
+        if different.any():
+            view = int(np.argmax(different))
+            raise UnreadableScan(
+                "contradiction",
+                f"the file says that view {view} is at {carried.deg[view]:.9g} degrees and the angles given say "
+                f"{angles[view]:.9g}; leave the angles out or correct them",
+            )
         return carried.deg, doubts
     if carried.unusable is not None:
         return angles, (*doubts, ReadingMessage.ANGLES_GIVEN(carried.unusable))
@@ -356,23 +369,6 @@ def _ordering(contents: FileContents, axis: int) -> str:
         f"{read}; if it holds {cells} views of {views} cells, as MATLAB's radon writes them, give transpose "
         f"({TRANSPOSE_FLAG})"
     )
-
-
-def _check_same_angles(in_file: NDArray[np.float64], angles_given: NDArray[np.float64]) -> None:
-    if in_file.shape != angles_given.shape:
-        raise UnreadableScan(
-            "angles-mismatch",
-            f"the file carries {in_file.size} angles for {angles_given.size} views; each view needs its own",
-        )
-    # A file may keep its angles in single precision, which is coarser than the tolerance near 360 degrees.
-    different = ~(np.abs(in_file - angles_given) <= ANGLE_TOLERANCE_DEG + SINGLE_PRECISION * np.abs(angles_given))
-    if different.any():
-        view = int(np.argmax(different))
-        raise UnreadableScan(
-            "contradiction",
-            f"the file says that view {view} is at {in_file[view]:.9g} degrees and the angles given say "
-            f"{angles_given[view]:.9g}; leave the angles out or correct them",
-        )
 
 
 def agree_on_pitch(name: str, carried: FilePitch, given_mm: float | None) -> float | None:

@@ -75,11 +75,10 @@ def _arrays(archive: ZipFile, infos: Sequence[ZipInfo]) -> Iterator[Part]:
 
 def _files(infos: Sequence[ZipInfo]) -> Iterator[Part]:
     for info in sorted(infos, key=lambda info: natural_key(info.filename)):
-        kind = Path(info.filename).suffix.lower().lstrip(".") or None
         yield Part(
             quoted(info.filename),
             PartKind.FILE,
-            type=kind,
+            type=Path(info.filename).suffix.lower().lstrip(".") or None,
             stored_bytes=info.compress_size,
             compression=_packing(info),
         )

@@ -36,12 +36,7 @@ class CalibrationRecord:
 
 
 def write_calibration(
-    path: Path,
-    result: Mapping[str, Any],
-    arrays: Mapping[str, NamedArray],
-    *,
-    software_version: str,
-    input_sha256: str,
+    path: Path, result: Mapping[str, Any], arrays: Mapping[str, NamedArray], *, software_version: str, input_sha256: str
 ) -> None:
     """Write a calibration: its answer as JSON text and as groups, and the arrays behind it.
 

@@ -187,7 +187,10 @@ def check_members(file: h5py.File, path: Path, values_bytes: int) -> None:
             elif not isinstance(member, h5py.Dataset):
                 raise NotAsWritten(f"{_name_of(member)} is neither a group nor a dataset")
             elif member.is_virtual:
-                _check_sources(member)
+                layout = member.id.get_create_plist()
+                for place in range(layout.get_virtual_count()):
+                    if layout.get_virtual_filename(place) != ".":
+                        raise NotAsWritten(f"{_name_of(member)} takes its values from other files")
             else:
                 _check_stored(member)
                 if member.chunks is not None:
@@ -225,14 +228,6 @@ def _check_stored(dataset: h5py.Dataset) -> tuple[int, ...] | None:
     if filters not in {PACKED, CHECKED} or any(most > length for length, most in zip(shape, chunks, strict=True)):
         raise NotAsWritten(f"{_name_of(dataset)} is not stored as results are")
     return filters
-
-
-def _check_sources(dataset: h5py.Dataset) -> None:
-    """Refuse a virtual dataset that takes anything from another file."""
-    layout = dataset.id.get_create_plist()
-    for place in range(layout.get_virtual_count()):
-        if layout.get_virtual_filename(place) != ".":
-            raise NotAsWritten(f"{_name_of(dataset)} takes its values from other files")
 
 
 def _name_of(member: h5py.Group | h5py.Dataset | h5py.Datatype) -> str:

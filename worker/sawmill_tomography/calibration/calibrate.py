@@ -90,16 +90,10 @@ def conclude(
     bars = error_bars(task.scanner, frame, theta, statistics, radius_mm, view_errors(joint, statistics))
     alternatives = alternatives_of(ranked, task.sinogram.size / bars.inflation)
     scale = scale_uncertainty(
-        task.scanner,
-        frame,
-        task.phantom,
-        bars.covariance.values,
-        radius_mm,
-        aspect_half=_aspect_half(task, joint),
+        task.scanner, frame, task.phantom, bars.covariance.values, radius_mm, aspect_half=_aspect_half(task, joint)
     )
     in_bounds = task.bounds is None or task.bounds.contain(theta)
     evidence = Evidence(fit, source_distance, alternatives, scale, bars, analysis, in_bounds, task.saturated_share)
-    judgement = judge(evidence, JudgementLimits.of(task))
     ended = time.perf_counter()
     return CalibrationOutcome(
         task=task,
@@ -109,7 +103,7 @@ def conclude(
         findings=evidence,
         residual=joint.model.residual,
         adjustments=(*adjusted, *analysis.adjustments),
-        judgement=judgement,
+        judgement=judge(evidence, JudgementLimits.of(task)),
         view_poses=None if joint.poses is None else joint.model.pose,
         beam=_beam(joint.model),
         search=basins.report,
@@ -137,8 +131,7 @@ def _beam(model: ScanModel) -> BeamCorrection:
         return NOTHING_FOUND
     lengths, integrals, weights = model.lengths, model.sharp + model.residual, model.data.weights
     if around or wide:
-        added = around * model.halos[0] + wide * model.halos[1]
-        measured = integrals - np.log1p(np.maximum(added, -0.95))
+        measured = integrals - np.log1p(np.maximum(around * model.halos[0] + wide * model.halos[1], -0.95))
         fitted = fit_scatter_and_hardening(lengths, measured, model.residual, weights)
         if fitted is not None:
             return fitted
@@ -152,10 +145,7 @@ def _beam(model: ScanModel) -> BeamCorrection:
 def _without_metal(
     task: CalibrationTask, fits: Mapping[PoseHypothesis, Sequence[Fit]], on_step: OnStep
 ) -> tuple[CalibrationTask, PhantomMetal | None]:
-    """Return the task with the samples that see metal, and the metal, from fits to some of the samples.
-
-    The task is returned unchanged where no metal was found and none was suspected.
-    """
+    """Return the task with the samples that see metal, and the metal if there is any, from fits to some samples."""
     if Adjustment.METAL in task.without or not fits:
         return task, None
     hypothesis, (best, *_) = min(fits.items(), key=lambda item: item[1][0].relative_residual)
@@ -215,10 +205,7 @@ def _likelier_drawing(task: CalibrationTask, seed: int, on_step: OnStep) -> str 
 
 
 def _without_faults(adjusted: AdjustedFit, task: CalibrationTask) -> AdjustedFit:
-    """Adjust the plain fit to faults, as the start of the joint fit.
-
-    Faults that are switched off are not searched, nor outliers where each view has another pose and looks like one.
-    """
+    """Adjust the plain fit to faults; of passages each view has another pose, and looks like an outlier."""
     for finding in BEFORE:
         if finding.adjustment not in task.without and not (finding is OUTLIERS and task.of_passages):
             adjusted = finding.adjust(adjusted)

@@ -40,8 +40,7 @@ def frame_deviation(frame: SourceFrame, covariance: FloatArray) -> FloatArray:
     """Compute standard deviations (6,) of (psi, R, SDD, u_c, tau, M) from the covariance (5, 5) of the first five."""
     r, sdd = frame.source_distance_mm, frame.source_to_detector_mm
     slope = np.array([0.0, -sdd / (r * r), 1.0 / r, 0.0, 0.0])
-    magnification = math.sqrt(max(float(slope @ covariance @ slope), 0.0))
-    return np.append(np.sqrt(np.diag(covariance)), magnification)
+    return np.append(np.sqrt(np.diag(covariance)), math.sqrt(max(float(slope @ covariance @ slope), 0.0)))
 
 
 def theta_covariance(scanner: Scanner, frame: SourceFrame, theta: Theta, covariance: FloatArray) -> FloatArray | None:
@@ -53,9 +52,8 @@ def theta_covariance(scanner: Scanner, frame: SourceFrame, theta: Theta, covaria
     sign = 1 if theta.source_shift_mm >= 0.0 else -1
     vector = to_vector(frame)
     # A step in R must stay well above r_S, where h_S has a square-root branch point.
-    steps = np.array([1e-6, min(1e-4, 1e-3 * (r - r_s)), 1e-3, 1e-3, 1e-6])
     columns = []
-    for index, step in enumerate(steps):
+    for index, step in enumerate(np.array([1e-6, min(1e-4, 1e-3 * (r - r_s)), 1e-3, 1e-3, 1e-6])):
         ends = []
         for direction in (1.0, -1.0):
             moved = vector.copy()

@@ -87,10 +87,7 @@ def _eliminate(grams: FloatArray) -> _Normal | None:
 
 
 def _normal_equations(phantom: Phantom, data: SinogramData, x: FloatArray) -> _Normal | None:
-    """Compute the normal equations at a vector x (7,) in the order of `FitParameter`.
-
-    The result is None where no such geometry exists, or where the phantom has no shadow on the detector.
-    """
+    """Compute the normal equations at x (7,), in the order of `FitParameter`; None without geometry or shadow."""
     if not np.isfinite(x).all() or abs(x[FitParameter.TILT]) > 1.4 or not 0.0 < x[FitParameter.R] < x[FitParameter.SDD]:
         return None
     try:
@@ -166,10 +163,9 @@ def _fit(
     count = data.samples
     determinable = [p for p in FitParameter if p not in held]
     free = np.array(determinable)
-    degrees = max(count - free.size - 2, 1.0)
     covariance = np.zeros((len(FitParameter), len(FitParameter)))
     inverse = scaled_inverse(normal.hessian[np.ix_(free, free)], least=1e-15)
-    covariance[np.ix_(free, free)] = inverse * normal.rss / degrees
+    covariance[np.ix_(free, free)] = inverse * normal.rss / max(count - free.size - 2, 1.0)
     residual_rms = math.sqrt(normal.rss / count)
     return Fit(
         frame=SourceFrame.from_vector((wrap_angle(x[FitParameter.PSI]), *x[RAYS])),

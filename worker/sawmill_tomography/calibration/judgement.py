@@ -241,9 +241,7 @@ def _first_angle(evidence: Evidence, _: JudgementLimits) -> Iterator[Remark]:
     turned = evidence.alternatives.turned
     if turned is not None and _undecided(evidence.alternatives, turned.relative_residual):
         yield Remark(
-            Degree.WATCH,
-            CalibrationMessage.AMBIGUOUS_TURN(by_deg=turned.by_deg),
-            CalibrationStatus.AMBIGUOUS_TURN,
+            Degree.WATCH, CalibrationMessage.AMBIGUOUS_TURN(by_deg=turned.by_deg), CalibrationStatus.AMBIGUOUS_TURN
         )
 
 
@@ -269,15 +267,11 @@ def _held_distance(evidence: Evidence, limits: JudgementLimits) -> Iterator[Rema
 
 
 def _precision(evidence: Evidence, limits: JudgementLimits) -> Iterator[Remark]:
-    """Check whether the predicted ray error's upper bound holds the tolerance with 95 % (ISO 14253-1).
-
-    Where only the RMS is within the tolerance, the verdict is "watch".
-    """
+    """Check whether the upper bound holds the tolerance with 95 % (ISO 14253-1); watch where only the RMS does."""
     predicted, tolerance_mm = evidence.error_bars.predicted_ray_error, limits.tolerance_mm
     if predicted.upper_95_mm <= tolerance_mm:
         return
-    structured = evidence.structure is not None
-    of_the_model = structured and evidence.error_bars.deviation_ratio > MODEL_DOMINATED
+    of_the_model = evidence.structure is not None and evidence.error_bars.deviation_ratio > MODEL_DOMINATED
     message = CalibrationMessage.IMPRECISE_MODEL if of_the_model else CalibrationMessage.IMPRECISE
     yield Remark(
         Degree.WATCH if predicted.rms_mm <= tolerance_mm else Degree.FAIL,

@@ -79,10 +79,7 @@ def _equidistant(angles_rad: FloatArray) -> bool:
 
 
 def _choices(angles_rad: FloatArray) -> FloatArray:
-    """Return the angles (choices, views) under each factor, and under each jump.
-
-    Where a block was lost, the angles given may have been spread over the turn, or counted on from the first view.
-    """
+    """Return the angles (choices, views) under each factor of their spread, and under each jump they may lack."""
     views, from_first = len(angles_rad), angles_rad - angles_rad[0]
     turn = float(from_first[-1]) * views / (views - 1)
     after = np.arange(views) >= np.round(PLACES * views)[:, None]
@@ -109,8 +106,7 @@ def _coarse_fits(task: CalibrationTask, seed: int, on_step: OnStep) -> list[tupl
     for hypothesis, number in sorted(best, key=lambda choice: best[choice].misfit)[:FITTED_COARSELY]:
         data = SinogramData(misfit.sinogram, hypothesis.rotation.apply(coarse[number]), misfit.cells)
         start = best[hypothesis, number].frame
-        phantom = task.phantoms[hypothesis.handedness]
-        fit = refine(phantom, data, start, max_iterations=ITERATIONS, on_step=on_step)
+        fit = refine(task.phantoms[hypothesis.handedness], data, start, max_iterations=ITERATIONS, on_step=on_step)
         if fit is not None:
             fits.append((RankedFit(hypothesis, fit), choices[number]))
     return sorted(fits, key=lambda one: one[0].fit.relative_residual)[:MEASURED]

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 import sawmill_vocabulary as vocabulary
 from sawmill_tomography.calibration.alternatives import Alternatives, HypothesisReport
 from sawmill_tomography.calibration.calibration import CalibrationOutcome, StageSeconds, choose_theta
-from sawmill_tomography.calibration.errors import CalibrationError
 from sawmill_tomography.calibration.fit import FittedModel
 from sawmill_tomography.calibration.judgement import (
     Degree,
@@ -30,7 +29,7 @@ from sawmill_tomography.calibration.judgement import (
     saturation,
 )
 from sawmill_tomography.calibration.recalling import Evaluations, RecallingObjective
-from sawmill_tomography.calibration.refusals import NOT_FOUND
+from sawmill_tomography.calibration.refusals import NOT_FOUND, CalibrationError
 from sawmill_tomography.calibration.scale import scale_uncertainty
 from sawmill_tomography.calibration.search.search import SearchCallback, SearchReport
 from sawmill_tomography.calibration.source_distance import SourceDistance
@@ -87,8 +86,7 @@ class PaperSettings:
 def remove_background(sinogram: FloatArray) -> FloatArray:
     """Subtract the air level, the median of the lowest tenth of the range: a constant background biases J."""
     low, high = np.percentile(sinogram, [1.0, 99.0])
-    air = sinogram[sinogram <= low + 0.1 * (high - low)]
-    return sinogram - float(np.median(air))
+    return sinogram - float(np.median(sinogram[sinogram <= low + 0.1 * (high - low)]))
 
 
 class PaperObjective:
@@ -126,9 +124,8 @@ class PaperObjective:
         return {h: self._correlation(a, b) for h, (a, b) in pairs.items()}
 
     def _image_pairs(self, theta: Theta) -> dict[Handedness, Pair]:
-        geometry = FanBeamGeometry(self._task.scanner, theta, self._angles)
         image = fbp(
-            Projector(geometry, self._grid),
+            Projector(FanBeamGeometry(self._task.scanner, theta, self._angles), self._grid),
             self._data,
             filter_name=self._options.filter_name,
             weighting=self._options.weighting,

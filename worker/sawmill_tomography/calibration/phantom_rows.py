@@ -27,13 +27,12 @@ def segments(stack: NDArray[np.floating]) -> list[slice]:
         Line integrals; NaN in rows that a view lacks. A phantom is the same in all its rows; where it ends, everything
         changes at once.
     """
-    rows = stack.shape[1]
     coarse = _coarse(stack)
     steps = np.sqrt(np.nanmean((coarse[1:] - coarse[:-1]) ** 2, axis=1))
     depth = float(np.median(np.nanstd(coarse, axis=1)))
     usual = float(np.median(steps)) if steps.size else 0.0
     jumps = np.flatnonzero(steps > max(JUMP * usual, JUMP_SHARE * depth)) + 1
-    edges = [0, *jumps.tolist(), rows]
+    edges = [0, *jumps.tolist(), stack.shape[1]]
     runs = [slice(first, last) for first, last in pairwise(edges)]
     return sorted(runs, key=lambda run: run.start - run.stop)
 

@@ -90,8 +90,7 @@ def _inverse(phantom: Phantom, grams: FloatArray) -> FloatArray:
     scale = 1.0 / np.sqrt(np.where(size > 0.0, size, 1.0))
     values, vectors = np.linalg.eigh(information * np.outer(scale, scale))
     if values[0] < LEAST_INFORMATION * values[-1]:
-        weakest = np.abs(vectors[:, 0])
-        names = " and ".join(name for name, share in zip(NAMES, weakest, strict=True) if share > 0.1)
+        names = " and ".join(name for name, share in zip(NAMES, np.abs(vectors[:, 0]), strict=True) if share > 0.1)
         raise PhantomError(
             f"a scan of the phantom {phantom.name!r} leaves {names} undetermined: choose a body with less symmetry, or "
             "more views of it"

@@ -31,8 +31,7 @@ class Evaluations:
 
     def __post_init__(self) -> None:
         if self.vectors.ndim != 2 or self.values.shape != self.vectors.shape[:1]:
-            msg = f"there must be a value for each vector, not {self.values.shape} for {self.vectors.shape}"
-            raise ValueError(msg)
+            raise ValueError(f"there must be a value for each vector, not {self.values.shape} for {self.vectors.shape}")
 
 
 class RecallingObjective:

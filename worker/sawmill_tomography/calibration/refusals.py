@@ -1,10 +1,9 @@
-"""Refusals of scans that cannot be calibrated, each with the reason and the cure."""
+"""Refusals of scans that cannot be calibrated, each with the reason and the cure, and their exception."""
 
 from collections.abc import Callable
 
 import numpy as np
 
-from sawmill_tomography.calibration.errors import CalibrationError
 from sawmill_tomography.calibration.fit import Fit
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner
 from sawmill_tomography.phantoms.phantom import Phantom, PhantomError
@@ -18,6 +17,18 @@ FARTHEST, NEAREST = 2.0, 0.5
 LEAST_RANGE = 1e-30
 # Fewer views cannot give the seven unknowns, gain and background.
 FEWEST_VIEWS = 3
+
+
+class CalibrationError(Exception):
+    """A failed calibration: this scan has none.
+
+    `code`, for programs, is stable: other-detector, angles-mismatch, too-few-views, not-finite, flat-scan, no-geometry,
+    phantom-outside-field, phantom-not-seen.
+    """
+
+    def __init__(self, code: str, message: str) -> None:
+        super().__init__(message)
+        self.code = code
 
 
 def refuse_round(phantom: Phantom) -> None:

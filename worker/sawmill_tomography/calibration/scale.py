@@ -33,8 +33,7 @@ class ScaleUncertainty:
     @property
     def percent_95(self) -> float:
         """Uncertainty of the scale, 95 %: standard uncertainties in quadrature, plus the share of the aspect."""
-        standard = math.hypot(self.size, self.statistical)
-        return 100.0 * (TWO_SIDED_95 * standard + self.aspect_half)
+        return 100.0 * (TWO_SIDED_95 * math.hypot(self.size, self.statistical) + self.aspect_half)
 
     @property
     def largest(self) -> ScaleSource:

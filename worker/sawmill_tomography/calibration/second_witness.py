@@ -77,8 +77,7 @@ def compare_witnesses(
     agreement = _agreement(chi_squared)
     moved = _moved(log.movement, agreement, phantom_moved=phantom_moved)
     other_sense = log.rotation is not rotation
-    undecided = moved is None and agreement is Agreement.DISAGREE
-    taken = _taken(moved, usable=not (other_sense or undecided))
+    taken = _taken(moved, usable=not (other_sense or (moved is None and agreement is Agreement.DISAGREE)))
     prior = _Prior(vector, covariance, sees)
     match taken:
         case "phantom":
@@ -86,18 +85,16 @@ def compare_witnesses(
         case "log":
             conditioned = prior.replaced(difference, np.array(log.detector.covariance))
         case "both":
-            widened = max(1.0, chi_squared / AGREE)
-            conditioned = prior.combined(difference, np.array(log.detector.covariance), widened)
+            conditioned = prior.combined(difference, np.array(log.detector.covariance), max(1.0, chi_squared / AGREE))
     bias = np.zeros((len(vector), 1))
     bias[BOTH, 0] = difference
-    change = predicted_ray_error(scanner, frame, bias @ bias.T, radius_mm=radius_mm)
     return LogWitness(
         log,
         other_sense,
         _detector(vector, covariance),
         DetectorEstimate.of(difference, spread),
         chi_squared,
-        change.rms_mm,
+        predicted_ray_error(scanner, frame, bias @ bias.T, radius_mm=radius_mm).rms_mm,
         agreement,
         moved,
         taken,

@@ -5,13 +5,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sawmill_tomography.calibration.errors import CalibrationError
 from sawmill_tomography.calibration.fit import OnStep, ignore_progress, refine
 from sawmill_tomography.calibration.joint_fit.finding import AdjustedFit
 from sawmill_tomography.calibration.joint_fit.fitter import fit_consistent_views, fit_jointly
 from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit
 from sawmill_tomography.calibration.joint_fit.residual_statistics import ResidualStatistics, residual_statistics
-from sawmill_tomography.calibration.refusals import refuse_other_scanner
+from sawmill_tomography.calibration.refusals import CalibrationError, refuse_other_scanner
 from sawmill_tomography.calibration.task import CalibrationTask
 from sawmill_tomography.geometry.fit_parameters import FRAME, FitParameter
 from sawmill_tomography.geometry.geometry import SourceFrame
@@ -68,5 +67,4 @@ def _deficit_deviations(task: CalibrationTask, frame: SourceFrame, statistics: R
     distance = frame.source_distance_mm
     variance = float(statistics.covariance.values[FitParameter.R, FitParameter.R])
     deviation = math.hypot(math.sqrt(variance), task.phantom.size_tolerance * distance)
-    deficit = task.scanner.source_to_cor_mm - distance
-    return deficit / deviation if deviation > 0.0 else math.inf
+    return (task.scanner.source_to_cor_mm - distance) / deviation if deviation > 0.0 else math.inf

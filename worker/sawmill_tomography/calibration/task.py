@@ -77,8 +77,7 @@ class CalibrationTask:
     @property
     def of_passages(self) -> bool:
         """True if the object is turned between passages, and has another pose in each view."""
-        declared = self.scanner.object_turns is ObjectTurns.BETWEEN_PASSAGES
-        return declared and Adjustment.VIEW_POSES not in self.without
+        return self.scanner.object_turns is ObjectTurns.BETWEEN_PASSAGES and Adjustment.VIEW_POSES not in self.without
 
     @property
     def rotations(self) -> tuple[Rotation, ...]:

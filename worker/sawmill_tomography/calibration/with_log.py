@@ -37,12 +37,11 @@ def with_log(calibration: CalibrationOutcome, log_sinogram: FloatArray) -> Calib
     if not isinstance(evidence, Evidence):
         return calibration
     covariance = evidence.error_bars.covariance.values
-    log = _ask_log(task.scanner, log_sinogram, task.angles_rad, calibration.frame, calibration.rotation)
     witness = compare_witnesses(
         task.scanner,
         calibration.frame,
         covariance,
-        log,
+        _ask_log(task.scanner, log_sinogram, task.angles_rad, calibration.frame, calibration.rotation),
         calibration.rotation,
         phantom_moved=evidence.residual.phantom_moved,
         radius_mm=calibration.radius_mm,
@@ -55,10 +54,9 @@ def _ask_log(
 ) -> LogAnswer:
     """Fit u_c and tau to a log's sinogram (views, detector) near the phantom's answer by opposite rays or pairs."""
     fit = detector_fit(scanner, sinogram, angles_rad, frame, rotation)
-    detector = fit.at_distance(frame.source_to_detector_mm)
     turned = fit.rotation if fit.rotation_decided else rotation
     # Pairs of views refuse a log that moves far, and do not show where a log jumped a little.
-    return LogAnswer(detector, fit.sdd_sensitivity, turned, fit.movement)
+    return LogAnswer(fit.at_distance(frame.source_to_detector_mm), fit.sdd_sensitivity, turned, fit.movement)
 
 
 def _following(calibration: CalibrationOutcome, evidence: Evidence, witness: LogWitness) -> CalibrationOutcome:
@@ -102,14 +100,13 @@ def _error_bars(
         errors = motions.errors.copy()
         errors[:, FRAME] = errors[:, FRAME] @ (values @ scaled_inverse(alone.covariance.values)).T
         motions = replace(motions, errors=errors)
-    predicted = predicted_ray_error(
-        scanner, frame, of_rays, alone.hidden_modules, motions, radius_mm=calibration.radius_mm
-    )
     return replace(
         alone,
         covariance=replace(alone.covariance, values=values),
         ray_covariance=of_rays,
         theta_covariance=of_theta,
-        predicted_ray_error=predicted,
+        predicted_ray_error=predicted_ray_error(
+            scanner, frame, of_rays, alone.hidden_modules, motions, radius_mm=calibration.radius_mm
+        ),
         source_shift_resolved=of_theta is not None,
     )

@@ -277,8 +277,7 @@ def likely_cause(calibrated: SourceFrame, moved: DriftChange) -> Reason:
         return LogMessage.NOTHING_MOVED(column_error_mm=column_error, tilt_error_deg=math.degrees(tilt_error))
     turntable = _unexplained(moved, np.array([1.0, math.cos(tau) / calibrated.source_to_detector_mm, math.sin(tau)]))
     slide = _unexplained(moved, np.array([1.0, 0.0, 0.0]))
-    tilted = abs(moved.significance[1]) > SIGNIFICANT
-    if turntable <= UNEXPLAINED and not tilted:
+    if turntable <= UNEXPLAINED and not abs(moved.significance[1]) > SIGNIFICANT:
         either = LogMessage.TURNTABLE_OR_STOPS if slide <= UNEXPLAINED else LogMessage.TURNTABLE
         return either(column_mm=column)
     if turntable <= UNEXPLAINED:
@@ -293,6 +292,5 @@ def _unexplained(moved: DriftChange, direction: FloatArray) -> float:
     seen = np.flatnonzero(moved.deviation > 0.0)
     precision = np.zeros((3, 3))
     precision[np.ix_(seen, seen)] = np.linalg.inv(moved.covariance[np.ix_(seen, seen)])
-    along = float(direction @ precision @ moved.change / (direction @ precision @ direction))
-    rest = moved.change - along * direction
+    rest = moved.change - float(direction @ precision @ moved.change / (direction @ precision @ direction)) * direction
     return float(rest @ precision @ rest)

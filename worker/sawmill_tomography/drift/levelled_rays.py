@@ -115,9 +115,8 @@ def _interpolation_variance(rays: FloatArray, interpolated: NDArray[np.bool_]) -
     grows with the number n of its samples: its square is kappa n^2, which is a variance of kappa n for each of them.
     """
     number = interpolated.sum(axis=1, keepdims=True)
-    step = int(number.max()) + 1
     squares, numbers = 0.0, 0
-    for shift in step * np.array([-3, -2, -1, 1, 2, 3]):
+    for shift in (int(number.max()) + 1) * np.array([-3, -2, -1, 1, 2, 3]):
         moved = np.roll(interpolated, shift, axis=1)
         moved[:, slice(0, shift) if shift > 0 else slice(shift, None)] = False
         moved[(moved & interpolated).any(axis=1) | (moved.sum(axis=1) < number[:, 0])] = False
@@ -152,8 +151,7 @@ def _variance(rays: FloatArray, air_noise: float) -> FloatArray:
     ray.
     """
     seen = noise_of_differences(np.diff(rays, 2, axis=1), 2)
-    mean = max(float(np.median(rays)), 1e-6)
-    k = min(max(2.0 * math.log(max(seen, 1e-30) / air_noise) / mean, 0.0), 1.0)
+    k = min(max(2.0 * math.log(max(seen, 1e-30) / air_noise) / max(float(np.median(rays)), 1e-6), 0.0), 1.0)
     return air_noise**2 * np.exp(np.clip(k * rays, 0.0, 2.0 * math.log(max(float(rays.max()) / air_noise, 1.0))))
 
 

@@ -94,7 +94,6 @@ def _sound(end: FloatArray, least: float) -> NDArray[np.bool_]:
     """Return which of the outermost `END_CELLS` cells have the level of their neighbours, for an end (views, cells)."""
     beside = end[:, END_CELLS:]
     level = beside.mean(axis=1, keepdims=True)
-    noise = float(np.sqrt(np.mean((beside - level) ** 2)))
     departure = np.sqrt(np.mean((end[:, :END_CELLS] - level) ** 2, axis=0))
-    sound: NDArray[np.bool_] = departure <= max(DEPARTS * noise, least)
+    sound: NDArray[np.bool_] = departure <= max(DEPARTS * float(np.sqrt(np.mean((beside - level) ** 2))), least)
     return sound

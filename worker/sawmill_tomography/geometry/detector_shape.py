@@ -83,8 +83,7 @@ def detector_lines(
         whole = arc_radius_mm is None and not waves_mm
         starts = np.arange(first, end, end - first if whole else 1 if waves_mm else piece_cells)
         ends = np.append(starts[1:], end)
-        flat = np.full(1, frame.cor_column_mm)
-        at = flat if whole else first_border_mm + 0.5 * pitch_mm * (starts + ends)
+        at = np.full(1, frame.cor_column_mm) if whole else first_border_mm + 0.5 * pitch_mm * (starts + ends)
         point, turn = _on_arc(at + waves(waves_mm, starts, cells) if waves_mm else at, arc_radius_mm)
         pieces.append(_lines(starts, ends, frame, at, origin + point * np.exp(1j * tilt), tilt - turn))
     return DetectorLines(*map(np.concatenate, zip(*pieces, strict=True)))

@@ -100,12 +100,11 @@ def rtk_arguments(geometry: FanBeamGeometry) -> dict[str, Any]:
     along, towards = np.stack([c, zero, -s, zero], -1), np.stack([s, zero, c, -sid * one], -1)
     # The point where the ray from the source through p meets the detector (RTK's ProjectionGeometry).
     first = -sdd * (along - [0.0, 0.0, 0.0, source_x]) + (source_x - centre_x) * towards
-    second = np.stack([zero, -sdd * one, zero, zero], -1)
     return {
         "SourceToIsocenterDistance": sid,
         "SourceToDetectorDistance": sdd,
         "SourceOffsetX": source_x,
         "ProjectionOffsetX": centre_x,
         "GantryAngle": np.mod(np.rad2deg(gantry), 360.0),
-        "Matrix": np.stack([first, second, towards], axis=1),
+        "Matrix": np.stack([first, np.stack([zero, -sdd * one, zero, zero], -1), towards], axis=1),
     }

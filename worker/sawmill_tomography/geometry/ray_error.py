@@ -9,12 +9,7 @@ from numpy.typing import NDArray
 
 from sawmill_tomography.geometry.detector_shape import cell_centres_mm, cell_points, lines_of, wave_shapes
 from sawmill_tomography.geometry.fit_parameters import FitParameter
-from sawmill_tomography.geometry.geometry import (
-    FloatArray,
-    GeometryError,
-    Scanner,
-    SourceFrame,
-)
+from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, Scanner, SourceFrame
 from sawmill_tomography.statistics import exceeded_chi_square
 from sawmill_vocabulary.geometry import MOST_WAVES
 
@@ -66,10 +61,7 @@ def _chord_points(source: FloatArray, direction: FloatArray, radius_mm: float) -
 def _distances(
     scanner: Scanner, frame: SourceFrame, points: FloatArray, cells: NDArray[np.intp], turn: float, shrink: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return distances (rays, 9) of points to a frame's rays, turned and with R times shrink, and both derivatives.
-
-    The derivatives by turn and by shrink are (2, rays, 9). Distances are linear in shrink.
-    """
+    """Return distances (rays, 9) to a frame's rays, turned and R times shrink, and both derivatives (2, rays, 9)."""
     source, direction = _rays(scanner, frame)
     normal = np.stack([-direction[:, 1], direction[:, 0]], -1)[cells]
     c, s = math.cos(turn), math.sin(turn)
@@ -176,12 +168,7 @@ def _derivatives(
     *,
     of_places: bool,
 ) -> FloatArray:
-    """Return the derivatives of the points' distances, (points, parameters), in the order of `_Linear`.
-
-    With `of_places` those by the detector's curvature and waves come after the known modules.
-
-    psi has no effect.
-    """
+    """Return the derivatives of distances (points, parameters) as in `_Linear`, then of places; psi has none."""
     source, direction = _rays(scanner, frame)
     e = direction[cells]
     x, y = cell_points(scanner, frame)[cells].T
@@ -317,10 +304,7 @@ def predicted_ray_error(
         squares += moves.added_squares(each, errors, rng)
     low, upper, high = np.sqrt(np.maximum(np.quantile(squares, [0.025, 0.95, 0.975]), 0.0)).tolist()
     return RayErrorPrediction(
-        float(np.sqrt(max(variance.mean(), 0.0))),
-        float(np.sqrt(max(variance.max(), 0.0))),
-        upper,
-        (low, high),
+        float(np.sqrt(max(variance.mean(), 0.0))), float(np.sqrt(max(variance.max(), 0.0))), upper, (low, high)
     )
 
 
@@ -333,10 +317,7 @@ def _of_views(
     *,
     of_places: bool,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return mean squares (`DRAWS`,) of distances, and the variance (points, views), of rays in the phantom's frame.
-
-    The common rotation, shift and scale that make the mean square least are removed.
-    """
+    """Return mean squares (`DRAWS`,) and variances (points, views) of distances, the best common motion removed."""
     (points, cells), (views, count) = at, (len(of_views.axes), of_views.errors.shape[1])
     _, direction = _rays(scanner, frame)
     normal = np.stack([-direction[:, 1], direction[:, 0]], -1)[cells]
@@ -429,11 +410,7 @@ def exceeded_ray_error(
 
 
 def _weights(form: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return weights (n,) mm^2 of independent chi-squares (one degree of freedom) that sum to the mean square.
-
-    `form` (n, n) gives the mean square from the parameters' errors. The columns of the second array are the
-    parameters' errors (n, n) that belong to each weight.
-    """
+    """Return weights (n,) mm^2 of chi-squares that sum to the mean square `form` (n, n), and their errors (n, n)."""
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     weights, turned = np.linalg.eigh(root.T @ form @ root)

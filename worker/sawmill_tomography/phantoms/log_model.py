@@ -74,7 +74,6 @@ class LogModel:
         """Make a log with a whorl of knots every 120 mm and one metal fragment halfway along."""
         rng = np.random.default_rng(seed)
         x, y = rng.uniform(-PITH_REACH, PITH_REACH, 2) * radius_mm
-        pith = float(x), float(y)
         knots: list[_Knot] = []
         for whorl in np.arange(60.0, length_mm + 60.0, 120.0):
             first = rng.uniform(0.0, 2.0 * math.pi)
@@ -92,7 +91,7 @@ class LogModel:
         depth = rng.uniform(0.3, 0.7) * radius_mm
         metal = depth * math.cos(angle), depth * math.sin(angle)
         rings, waves = _random_rings(rng, radius_mm), _random_waves(rng)
-        return cls(radius_mm, pith, rings, waves, tuple(knots), metal, 0.5 * length_mm)
+        return cls(radius_mm, (float(x), float(y)), rings, waves, tuple(knots), metal, 0.5 * length_mm)
 
     def slice_at(self, height_mm: float) -> Phantom:
         """Return the cross-section at a height, densities in attenuation per mm."""

@@ -81,10 +81,7 @@ def trace(
 def _bright_part(
     picture: NDArray[np.floating], level: float, low: float
 ) -> tuple[NDArray[np.intp], NDArray[np.floating]]:
-    """Cut out the bright part of a picture, with a dark pixel around it, and return the first pixel's index too.
-
-    There are no outlines anywhere else, and `find_contours` makes a copy in double precision.
-    """
+    """Cut out the bright part with a dark pixel around it, and its first index: all outlines, in less memory."""
     rows, columns = np.zeros(picture.shape[0], bool), np.zeros(picture.shape[1], bool)
     for start in range(0, len(picture), ROWS_AT_ONCE):
         bright = picture[start : start + ROWS_AT_ONCE] > level
@@ -140,10 +137,7 @@ def _circle(points: FloatArray) -> tuple[tuple[float, float], float, float]:
 
 
 def _corners(outline: FloatArray, tolerance: float) -> NDArray[np.intp]:
-    """Find the indices of the outline's corners; the first is the farthest point, so that no side is cut in two.
-
-    A side is cut at its farthest point until none is farther than the tolerance (Douglas and Peucker 1973).
-    """
+    """Find the indices of an outline's corners from the farthest point on (Douglas and Peucker 1973)."""
     first = int(np.argmax(((outline - outline.mean(axis=0)) ** 2).sum(axis=1)))
     x, y = np.concatenate([outline[first:], outline[: first + 1]]).T.copy()
     corners, sides = [0], [(0, len(outline))]
@@ -185,8 +179,7 @@ def _fit_sides(outline: FloatArray, corners: NDArray[np.intp], near: float) -> F
         across = d[0] * e[1] - d[1] * e[0]
         corner = outline[corners[i]]
         if abs(across) > math.sin(math.radians(5.0)):
-            s = ((q[0] - p[0]) * e[1] - (q[1] - p[1]) * e[0]) / across
-            meeting = p + s * d
+            meeting = p + (((q[0] - p[0]) * e[1] - (q[1] - p[1]) * e[0]) / across) * d
             # Two short sides of a curve may meet far away: such a corner keeps its place in the outline.
             corner = meeting if np.hypot(*(meeting - corner)) < 2.0 * near else corner
         fitted.append(corner)

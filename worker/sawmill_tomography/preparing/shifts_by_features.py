@@ -111,10 +111,7 @@ def _features(view: int, image: Stack) -> _Features:
 
 
 def _grey(image: Stack, ends: NDArray[np.intp]) -> Stack:
-    """Return the variation along the log (rows, cells), in greys from 0 to 1: outline and rings are equal in all rows.
-
-    Median and greys come from the longest body: a phantom before a log differs from the log by more than any knot.
-    """
+    """Return the variation along the log (rows, cells), in greys from 0 to 1 that the longest body determines."""
     runs = [slice(first, last) for first, last in pairwise([0, *(ends + 1).tolist(), len(image)])]
     body = max(runs, key=lambda run: run.stop - run.start)
     varying = scipy.ndimage.gaussian_filter(image - np.median(image[body], axis=0), SMOOTHING)
@@ -139,10 +136,7 @@ def _neighbours(angles_rad: FloatArray) -> list[tuple[int, int]]:
 
 
 def _matched(features: list[_Features], first: int, second: int) -> _Pair | None:
-    """Return the shift that most matches agree on, unless a body's end in both views contradicts; then the end's shift.
-
-    None if there are neither matches nor ends.
-    """
+    """Return the shift of most matches, or of a body's end in both views that contradicts; None without either."""
     one, other = features[first], features[second]
     matched, ended = _by_matches(one, other), _by_ends(one, other)
     agrees = matched is None or ended is None or abs(matched[0] - ended[0]) <= MOST_APART

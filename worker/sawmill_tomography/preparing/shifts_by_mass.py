@@ -156,8 +156,7 @@ class _ProfileFit:
 def _check_distinct(values: FloatArray, present: Rows, reference: _Profile) -> None:
     score, _ = _scores(values, present, reference)
     best = score.argmax(axis=1)
-    peak = (score[:, 1:-1] >= score[:, :-2]) & (score[:, 1:-1] >= score[:, 2:])
-    other_scores = np.where(peak, score[:, 1:-1], 0.0)
+    other_scores = np.where((score[:, 1:-1] >= score[:, :-2]) & (score[:, 1:-1] >= score[:, 2:]), score[:, 1:-1], 0.0)
     np.put_along_axis(other_scores, np.clip(best - 1, 0, other_scores.shape[1] - 1)[:, None], 0.0, axis=1)
     lead = score.max(axis=1) - other_scores.max(axis=1)
     if lead.min() < DISTINCT:
@@ -193,10 +192,9 @@ def _scores(values: FloatArray, present: Rows, reference: _Profile) -> tuple[Flo
     m, m2, m_there = spectrum(moving), spectrum(moving**2), spectrum(there)
     count = np.maximum(overlap(f_there, m_there), 1.0)
     f_sum, m_sum = overlap(f, m_there), overlap(f_there, m)
-    covariance = overlap(f, m) - f_sum * m_sum / count
     variances = (overlap(f2, m_there) - f_sum**2 / count) * (overlap(f_there, m2) - m_sum**2 / count)
     floor = 1e-12 * float((fixed**2).sum()) * (moving**2).sum(axis=1, keepdims=True) + np.finfo(np.float64).tiny
-    correlation = covariance / np.sqrt(np.maximum(variances, floor))
+    correlation = (overlap(f, m) - f_sum * m_sum / count) / np.sqrt(np.maximum(variances, floor))
     enough = count >= np.maximum(SHARE_FOUND * there.sum(axis=1, keepdims=True), FEWEST_ROWS // 2)
     likely = -0.5 * count * np.log1p(-(np.clip(correlation, 0.0, 1.0 - 1e-9) ** 2))
     lags = np.fft.fftfreq(length, 1.0 / length).astype(np.intp)
@@ -265,8 +263,7 @@ def _long_run_variance(influence: FloatArray) -> FloatArray:
 def _common(values: FloatArray, present: Rows, fit: _ProfileFit, shifts: FloatArray) -> _Profile:
     """Return the median profile of all views, each brought to the common level; present where half the views are."""
     rows = values.shape[1]
-    along = fit.trend[:, :1] + fit.trend[:, 1:] * _along(rows)
-    levelled = (values - along) / fit.gain[:, None]
+    levelled = (values - (fit.trend[:, :1] + fit.trend[:, 1:] * _along(rows))) / fit.gain[:, None]
     origin = int(np.floor(shifts.min()))
     at = np.arange(rows + int(np.ceil(shifts.max())) - origin) + origin - shifts[:, None]
     below = np.floor(at).astype(np.intp)

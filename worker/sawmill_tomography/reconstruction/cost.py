@@ -61,8 +61,7 @@ def lanes_of(slices: int) -> int:
 
 def block_bytes(views: int, cells: int, size: int, slices: int) -> int:
     """Return the memory of a block at work: its rows and a copy on reading, rows laid out, and its slices."""
-    rows = 2 * slices * views * cells + lanes_of(slices) * views * (cells + 2)
-    return 4 * (rows + slices * size * size)
+    return 4 * (2 * slices * views * cells + lanes_of(slices) * views * (cells + 2) + slices * size * size)
 
 
 def blocks(views: int, cells: int, size: int, slices: int, memory_bytes: int, threads: int) -> tuple[int, int]:

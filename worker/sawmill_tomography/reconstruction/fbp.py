@@ -31,7 +31,6 @@ from sawmill_vocabulary.image_messages import ImageMessage
 
 def _window(name: FilterName, f: FloatArray) -> FloatArray:
     """Return the window at frequencies f relative to the cut-off, zero beyond it."""
-    passed = np.abs(f) <= 1.0
     match name:
         case FilterName.RAM_LAK:
             value = np.ones_like(f)
@@ -43,7 +42,7 @@ def _window(name: FilterName, f: FloatArray) -> FloatArray:
             value = 0.54 + 0.46 * np.cos(np.pi * f)
         case FilterName.HANN:
             value = 0.5 + 0.5 * np.cos(np.pi * f)
-    return np.where(passed, value, 0.0)
+    return np.where(np.abs(f) <= 1.0, value, 0.0)
 
 
 def ramp_response(
@@ -66,8 +65,7 @@ def ramp_response(
     kernel[odd] = -1.0 / (np.pi * offset[odd] * pitch_mm) ** 2
     ramp = scipy.fft.rfft(kernel).real * pitch_mm
     relative = np.arange(ramp.size) * 2.0 / length / frequency_scaling
-    mean = np.sinc(np.arange(ramp.size) * aperture_mm / (length * pitch_mm))
-    return ramp * _window(name, relative) * mean, length
+    return ramp * _window(name, relative) * np.sinc(np.arange(ramp.size) * aperture_mm / (length * pitch_mm)), length
 
 
 @dataclass(frozen=True, eq=False)

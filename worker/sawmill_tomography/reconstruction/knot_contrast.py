@@ -107,5 +107,4 @@ def _distances(grid: ImageGrid, centre: FloatArray, circle_mm: float, place: int
 
 def _contrast(change: Image, relative: FloatArray) -> float:
     """Return the change in the inserts less the one around them, from each pixel's distance in insert radii."""
-    around = (relative > AROUND[0]) & (relative < AROUND[1])
-    return float(change[relative < 1.0].mean() - change[around].mean())
+    return float(change[relative < 1.0].mean() - change[(relative > AROUND[0]) & (relative < AROUND[1])].mean())

@@ -294,8 +294,7 @@ def _width_mm(lines: Image, cell_mm: float) -> float:
 
 def _wood_per_mm(lines: Image, cell_mm: float) -> float:
     """Return the mean attenuation of a round log: over a disc's diameter D line integrals sum up to pi / 4 mu D^2."""
-    width_mm = max(_width_mm(lines, cell_mm), cell_mm)
-    return 4.0 / math.pi * float(np.median(lines.sum(axis=1))) * cell_mm / width_mm**2
+    return 4.0 / math.pi * float(np.median(lines.sum(axis=1))) * cell_mm / max(_width_mm(lines, cell_mm), cell_mm) ** 2
 
 
 # Measured with benchmarks/production_logs.py and benchmarks/log_metal.py.

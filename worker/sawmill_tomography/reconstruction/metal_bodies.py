@@ -169,8 +169,7 @@ def _fitted(
 
 def _longest_mm(row: FloatArray, geometry: FanViews) -> float:
     """Return the length of a rod that stays clear of the source wherever the fit moves its middle."""
-    clear_mm = CLEAR * geometry.clear_mm
-    return 2.0 * (clear_mm - THICKEST_MM - math.sqrt(2.0) * FARTHEST_MM - math.hypot(row[0], row[1]))
+    return 2.0 * (CLEAR * geometry.clear_mm - THICKEST_MM - math.sqrt(2.0) * FARTHEST_MM - math.hypot(row[0], row[1]))
 
 
 def _rod_of(excess: FloatArray, grid: ImageGrid) -> FloatArray:

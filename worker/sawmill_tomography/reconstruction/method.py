@@ -83,12 +83,7 @@ class FittedMethod(ABC):
 
     @abstractmethod
     def reconstruct(
-        self,
-        projector: Projector,
-        lines: Image,
-        *,
-        noise: FloatArray,
-        on_progress: OnProgress,
+        self, projector: Projector, lines: Image, *, noise: FloatArray, on_progress: OnProgress
     ) -> Estimate:
         """Reconstruct a block.
 

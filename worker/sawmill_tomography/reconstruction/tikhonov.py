@@ -104,9 +104,8 @@ def tikhonov(
     lines = projector.block(sinogram)
     check_shown(lines)
     noises = noise_of_each_ray(noise, lines)
-    of_each = np.broadcast_to(noises.ravel(), (len(lines),))
     solved: list[_Solved] = []
-    for line, level in zip(lines, of_each, strict=True):
+    for line, level in zip(lines, np.broadcast_to(noises.ravel(), (len(lines),)), strict=True):
         on_slice = part_of(on_progress, len(solved) / len(lines), 1.0 / len(lines))
         solved.append(_solve(projector, line, _Request(weight, rule, float(level), tolerance, iterations), on_slice))
     images = np.stack([one.image for one in solved])
@@ -296,9 +295,8 @@ class _Projected:
     def curve(self, weights: Floats, rays: int, probe: "_Projected | None") -> WeightCurve:
         s, damped = self.singular, self.singular**2 + weights[:, None]
         residual = np.sqrt(((weights[:, None] / damped * self.seen) ** 2).sum(axis=1) + self.unseen)
-        solution = np.sqrt(((s / damped * self.seen) ** 2).sum(axis=1))
         gcv = None if probe is None else (residual / (rays - probe.trace(weights))) ** 2
-        return WeightCurve(weights, residual, solution, gcv)
+        return WeightCurve(weights, residual, np.sqrt(((s / damped * self.seen) ** 2).sum(axis=1)), gcv)
 
 
 def _by_discrepancy(curve: WeightCurve, level: float) -> float:

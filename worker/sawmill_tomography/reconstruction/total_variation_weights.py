@@ -89,9 +89,8 @@ def _chosen_weight(problem: PriorProblem, on_progress: OnProgress | None) -> Wei
     lines, noises, support, non_negative = problem.lines, problem.noises, problem.support, problem.non_negative
     typical = problem.typical_attenuation
     candidates = WEIGHTS / typical
-    weights = weights_of(noises, lines.shape)
     prior = smoothed_prior(np.broadcast_to(typical, candidates.shape), candidates)
-    objective = Objective(support.projector, lines, weights, prior)
+    objective = Objective(support.projector, lines, weights_of(noises, lines.shape), prior)
     phases = Phases(on_progress, first_images=FIRST_IMAGES_COST, candidates=1.0)
     # Continuation leads to much the same image for all candidates: they all use the middle one's.
     starts = first_images_of_folds(
@@ -209,9 +208,8 @@ def choose_coupling(
 
     def error(coupling: float) -> float:
         prior = smoothed_prior(typical, np.full(len(lines), weights[coupling]), np.full(len(lines), ring_weight))
-        objective = Objective(problem.support.projector, problem.lines, training, prior)
         minimum = descend_by_levels(
-            objective,
+            Objective(problem.support.projector, problem.lines, training, prior),
             non_negative=non_negative,
             iterations=COUPLING_ITERATIONS,
             tolerance=TOLERANCE,

@@ -73,8 +73,7 @@ def find_view_poses(geometry: FanViews, lines: Image) -> ViewPoses:
     views = geometry.angles_rad.size
     if views < LEAST_VIEWS:
         raise GeometryError(f"the poses of {views} views cannot be found: at least {LEAST_VIEWS} are needed")
-    radius_mm = max(object_radius_mm(geometry, line) for line in lines)
-    grid = ImageGrid(SIZE, 2.0 * MARGIN * radius_mm)
+    grid = ImageGrid(SIZE, 2.0 * MARGIN * max(object_radius_mm(geometry, line) for line in lines))
     while len(geometry.borders_mm) % 2 == 0 and 2.0 * geometry.cell_at_cor_mm <= grid.pixel_mm:
         geometry, lines = geometry.in_pairs(), 0.5 * (lines[..., ::2] + lines[..., 1::2])
     search = _Search(geometry, grid, lines)

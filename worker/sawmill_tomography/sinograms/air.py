@@ -160,9 +160,6 @@ def faulty_cells(
 
 
 def _median_filter(values: NDArray[np.floating]) -> NDArray[np.floating]:
-    """Take the median of `NEIGHBOURS` cells around each, the end cells repeated beyond the ends.
-
-    It replaces `scipy.ndimage`'s filter, whose import would delay each start of a calibration.
-    """
+    """Take the median of `NEIGHBOURS` cells around each; importing `scipy.ndimage`'s would delay a calibration."""
     windows = sliding_window_view(np.pad(values, NEIGHBOURS // 2, mode="edge"), NEIGHBOURS)
     return np.sort(windows, axis=1)[:, NEIGHBOURS // 2]

@@ -61,11 +61,7 @@ def _smooth(sinogram: ArrayLike, cells: int = SMOOTHED) -> FloatArray:
 
 
 def noise_of_rays(
-    lines: Image,
-    *,
-    counts: bool,
-    beam: BeamCorrection = NOTHING_FOUND,
-    uncertainty: NDArray[np.floating] | None = None,
+    lines: Image, *, counts: bool, beam: BeamCorrection = NOTHING_FOUND, uncertainty: NDArray[np.floating] | None = None
 ) -> FloatArray:
     """Estimate noise from air and, for counts, photons: (slices, 1, 1), or for each ray (slices, views, detector).
 

@@ -197,8 +197,7 @@ def _bridged(rays: FloatArray, masked: NDArray[np.bool_], view: int, first: int,
         return np.full(width, np.median(measured)), float(np.ptp(measured))
     # A cubic needs rays on both sides; at an end of the detector, where there is air, the mean of the rays is used.
     degree = min(3, beside.size - 1) if np.any(beside < first) and np.any(beside >= last) else 0
-    middle = 0.5 * (first + last - 1)
-    powers = np.vander((np.append(beside, np.arange(first, last)) - middle) / width, degree + 1)
+    powers = np.vander((np.append(beside, np.arange(first, last)) - 0.5 * (first + last - 1)) / width, degree + 1)
     through = powers[beside.size :] @ np.linalg.pinv(powers[: beside.size])
     missed = _missed(rays, masked, through, beside, np.arange(first, last))
     curve = through @ rays[view, beside]

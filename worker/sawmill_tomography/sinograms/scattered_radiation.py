@@ -149,5 +149,4 @@ def measured_and_slope(hardening: BeamHardening, straight: FloatArray) -> tuple[
     spread = hardening.spread
     limit = (STEEPEST - 1.0) / spread
     slope = 1.0 + spread * np.clip(straight, 0.0, limit)
-    measured = np.log(slope) / spread + np.maximum(straight - limit, 0.0) / STEEPEST + np.minimum(straight, 0.0)
-    return measured, slope
+    return np.log(slope) / spread + np.maximum(straight - limit, 0.0) / STEEPEST + np.minimum(straight, 0.0), slope

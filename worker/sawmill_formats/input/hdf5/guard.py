@@ -49,8 +49,7 @@ def find(start: Node, path: str, linked: LinkedFiles | None = None) -> Node | No
         links += 1
         if links > MOST_LINKS:
             raise UnreadableScan(
-                "unsupported-storage",
-                f"the links behind {quoted(path)!r} run in a circle; link straight to the data",
+                "unsupported-storage", f"the links behind {quoted(path)!r} run in a circle; link straight to the data"
             )
         if kind == h5py.h5l.TYPE_SOFT:
             target = text_of(here.id.links.get_val(key))

@@ -119,12 +119,11 @@ def _read_image_key(entry: h5py.Group, images: int, bounds: Bounds) -> tuple[NDA
 def _fields(dataset: h5py.Dataset, keys: NDArray[np.int64], key: int, bounds: Bounds) -> NDArray[np.float32] | None:
     images = np.flatnonzero(keys == key)
     # The library counts nothing for data in other files; these were checked as a whole.
-    stored = dataset.id.get_storage_size() or dataset.nbytes
     check_size(
         f"{nxtomo.DATA} of image_key {key}",
         (len(images), *dataset.shape[1:]),
         dataset.dtype.itemsize,
-        stored_bytes=stored,
+        stored_bytes=dataset.id.get_storage_size() or dataset.nbytes,
         max_bytes=bounds.piece,
     )
     return fields.scaling_of(dataset).apply(guard.read_images(dataset, images)) if len(images) else None

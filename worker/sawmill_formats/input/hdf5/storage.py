@@ -11,10 +11,7 @@ from sawmill_formats.input import arrays
 # Filters of the library itself and of h5py, but szip, which only the library unpacks and scanners do not use; for any
 # other the library would search for a plug-in on this machine.
 PACKINGS = {h5py.h5z.FILTER_DEFLATE: "deflate", h5py.h5z.FILTER_LZF: "LZF"}
-FILTERS = PACKINGS | {
-    h5py.h5z.FILTER_SHUFFLE: "shuffle",
-    h5py.h5z.FILTER_FLETCHER32: "checksum",
-}
+FILTERS = PACKINGS | {h5py.h5z.FILTER_SHUFFLE: "shuffle", h5py.h5z.FILTER_FLETCHER32: "checksum"}
 # Shuffle, one packing, a checksum.
 MOST_FILTERS = 3
 
@@ -26,7 +23,11 @@ def check_dataset(where: str, dataset: h5py.Dataset, bounds: arrays.Bounds) -> N
     if dataset.shape is None:
         raise UnreadableScan("wrong-shape", f"{where} is empty; it must hold numbers")
     itemsize = dataset.dtype.itemsize
-    stored = _stored_bytes(where, dataset, bounds)
+    stored = (
+        bounds.linked.stored_bytes(where, dataset, bounds)
+        if bounds.linked is not None and _is_elsewhere(dataset)
+        else _bytes_in_file(dataset)
+    )
     arrays.check_size(where, dataset.shape, itemsize, stored_bytes=stored, max_bytes=bounds.array)
     if dataset.chunks is not None and math.prod(dataset.chunks) * itemsize > bounds.piece:
         raise UnreadableScan("too-large", f"{where} has chunks of {dataset.chunks} values; store it in smaller chunks")
@@ -40,12 +41,6 @@ def check_dataset(where: str, dataset: h5py.Dataset, bounds: arrays.Bounds) -> N
         raise UnreadableScan(
             "truncated-file", f"{where} declares {declared} bytes of data and the file holds {stored}; export it again"
         )
-
-
-def _stored_bytes(where: str, dataset: h5py.Dataset, bounds: arrays.Bounds) -> int:
-    if bounds.linked is not None and _is_elsewhere(dataset):
-        return bounds.linked.stored_bytes(where, dataset, bounds)
-    return _bytes_in_file(dataset)
 
 
 def _bytes_in_file(dataset: h5py.Dataset) -> int:

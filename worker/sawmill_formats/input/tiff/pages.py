@@ -222,10 +222,7 @@ def open_pages(source: Path | BinaryIO, name: str, size_bytes: int, bounds: arra
 
 
 def _check_nothing_follows(page: "tifffile.TiffPage", name: str, size_bytes: int) -> None:
-    """Refuse a file of one page followed by more images without pages of their own.
-
-    ImageJ writes stacks of more than 4 GiB in this way, and tifffile with `truncate`.
-    """
+    """Refuse a page with images behind it, as ImageJ writes above 4 GiB, and tifffile with `truncate`."""
     description = page.description[:LONGEST_DESCRIPTION]
     images = re.search(r"^images=([0-9]{1,9})$", description, re.MULTILINE) if page.is_imagej else None
     stated = int(images[1]) if images else 2 if '"truncated": true' in description else 1
@@ -268,10 +265,9 @@ def _check_page(
     if int(page.compression) not in READABLE_COMPRESSIONS:
         method = getattr(page.compression, "name", page.compression)
         raise UnreadableScan("unsupported-storage", f"{where} is compressed by {method}; use deflate or no compression")
-    stored = sum(page.databytecounts)
     needed = math.prod(page.shape) * itemsize
     ends = [offset + count for offset, count in zip(page.dataoffsets, page.databytecounts, strict=True)]
-    if max(ends, default=0) > size_bytes or (page.compression == UNCOMPRESSED and stored < needed):
+    if max(ends, default=0) > size_bytes or (page.compression == UNCOMPRESSED and sum(page.databytecounts) < needed):
         raise UnreadableScan(
             "truncated-file", f"{where} declares more data than the file of {size_bytes} bytes holds; export it again"
         )
@@ -288,21 +284,16 @@ def _check_page(
             f"times the pixels of its page, or {USUAL_TILE_PIXELS}: store the pages in smaller tiles or in strips",
         )
     if page.compression != UNCOMPRESSED:
-        _check_strips(page, f"a strip or tile of {where}", itemsize, size_bytes, most_bytes)
-
-
-def _check_strips(
-    page: "tifffile.TiffPage | tifffile.TiffFrame", what: str, itemsize: int, size_bytes: int, most_bytes: int
-) -> None:
-    arrays.check_size(what, page.chunks, itemsize, stored_bytes=size_bytes, max_bytes=most_bytes)
-    declared = math.prod(page.chunks) * itemsize
-    if PACKINGS[int(page.compression)] is arrays.PACKBITS and declared * arrays.PACKBITS_MEMORY > most_bytes:
-        raise UnreadableScan(
-            "too-large",
-            f"{what} needs {declared * arrays.PACKBITS_MEMORY} bytes while PackBits is unpacked and at most "
-            f"{most_bytes} are allowed or free; use deflate or no compression",
-        )
-    arrays.check_packed(what, max(page.databytecounts, default=0), declared)
+        what = f"a strip or tile of {where}"
+        arrays.check_size(what, page.chunks, itemsize, stored_bytes=size_bytes, max_bytes=most_bytes)
+        declared = math.prod(page.chunks) * itemsize
+        if PACKINGS[int(page.compression)] is arrays.PACKBITS and declared * arrays.PACKBITS_MEMORY > most_bytes:
+            raise UnreadableScan(
+                "too-large",
+                f"{what} needs {declared * arrays.PACKBITS_MEMORY} bytes while PackBits is unpacked and at most "
+                f"{most_bytes} are allowed or free; use deflate or no compression",
+            )
+        arrays.check_packed(what, max(page.databytecounts, default=0), declared)
 
 
 def _check_unpacked(page: "tifffile.TiffPage | tifffile.TiffFrame", what: str) -> None:

@@ -74,8 +74,7 @@ class Climb:
 
     def weighed(self, posterior: Posterior) -> float:
         """Return the likelihood (logarithm) by which sets of groups are compared, with one variance for all."""
-        variance = max(posterior.variance, self.structured / STRUCTURES)
-        return replace(posterior, variance=variance).log_likelihood
+        return replace(posterior, variance=max(posterior.variance, self.structured / STRUCTURES)).log_likelihood
 
     def evidences(self, posterior: Posterior, groups: Sequence[Group]) -> list[FloatArray]:
         """Return the evidence of groups that are not fitted, as `evidence` does."""

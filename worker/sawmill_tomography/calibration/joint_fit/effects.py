@@ -7,15 +7,24 @@ Poses that change from view to view: shapes of the motion of turntable and phant
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column
-from sawmill_tomography.calibration.joint_fit.scan_model import SKIN_DEPTHS_MM, ScanModel, Term
+from sawmill_tomography.calibration.joint_fit.scan_model import (
+    ARC,
+    LEAST_CURVATURE,
+    SKIN_DEPTHS_MM,
+    WAVES,
+    ScanModel,
+    Term,
+)
+from sawmill_tomography.geometry.detector_shape import waves
 from sawmill_tomography.geometry.fit_parameters import FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray
+from sawmill_tomography.projection.analytic import DetectorCells
 from sawmill_vocabulary import Adjustment
 from sawmill_vocabulary.messages import Reason
 from sawmill_vocabulary.scan_messages import EffectMessage
@@ -26,6 +35,12 @@ DEEPEST = 0.98
 FEWEST_VIEWS = 60
 # A skin whose density differs by a larger share is something else.
 LARGEST_SKIN = 0.5
+# A detector with a smaller radius, in its own lengths, is none.
+LEAST_RADIUS = 0.5
+# Cells that are off by more, in cells, are in another order.
+LARGEST_SHIFT = 2.0
+# An error of the drawing turns with the phantom: this share of it resembles cells that are off.
+STAYS = 0.25
 _TIMES = {
     0.5: "half a time",
     1: "once",
@@ -67,14 +82,12 @@ def _terms(*chosen: Term, counts: bool = False) -> Callable[[ScanModel], tuple[C
 
 def _hardening(model: ScanModel, sizes: FloatArray) -> Reason:
     longest = float(model.lengths.max())
-    change = float(sizes[0] * longest + sizes[1] * longest**2)
-    return EffectMessage.BEAM_HARDENING(change_percent=100.0 * change)
+    return EffectMessage.BEAM_HARDENING(change_percent=100.0 * float(sizes[0] * longest + sizes[1] * longest**2))
 
 
 def _scattered_radiation(model: ScanModel, sizes: FloatArray) -> Reason:
     around, wide = model.halos
-    deepest = model.blurred > np.quantile(model.blurred, DEEPEST)
-    added = float((sizes[0] * around + sizes[1] * wide)[deepest].mean())
+    added = float((sizes[0] * around + sizes[1] * wide)[model.blurred > np.quantile(model.blurred, DEEPEST)].mean())
     if added < 0.0:
         # With the gains of the views, scatter takes up what powers of the paths leave of the hardening.
         return EffectMessage.SCATTER_OR_HARDENING()
@@ -308,3 +321,36 @@ def largest_move(sizes: FloatArray) -> float:
     """Compute the amplitude, mm, of a harmonic in the laboratory from sizes (across, along) of cosine, then sine."""
     cosine, sine = np.asarray(sizes[:2]), np.asarray(sizes[2:4])
     return float(math.sqrt(max(np.linalg.eigvalsh(np.outer(cosine, cosine) + np.outer(sine, sine)).max(), 0.0)))
+
+
+def places_of_cells(cells: DetectorCells) -> Iterator[Effect]:
+    """Yield the effects by which a detector's cells lie elsewhere, starting from these places."""
+    bent = 0.0 if cells.arc_radius_mm is None else 1.0 / cells.arc_radius_mm
+    yield Effect(
+        Adjustment.CELL_PLACES,
+        lambda _: (Column.of(ARC),),
+        lambda _, sizes: EffectMessage.ARC(radius_mm=1.0 / max(bent + float(sizes[0]), LEAST_CURVATURE)),
+        lambda model, sizes: (
+            0.0 <= bent + sizes[0] < 1.0 / (LEAST_RADIUS * cells.count * cells.width_mm)
+            and is_beyond_drawing(model, sizes[0] * model.rows_of_cells([ARC])[0])
+        ),
+    )
+    known = np.pad(cells.waves_mm, (0, len(WAVES) - len(cells.waves_mm)))
+
+    def shifts_mm(sizes: FloatArray) -> FloatArray:
+        return waves(tuple(known + sizes), np.arange(cells.count), cells.count)
+
+    yield Effect(
+        Adjustment.CELL_PLACES,
+        lambda _: tuple(map(Column.of, WAVES)),
+        lambda _, sizes: EffectMessage.UNEVEN_CELLS(uneven_mm=math.sqrt(float((shifts_mm(sizes) ** 2).mean()))),
+        lambda model, sizes: (
+            bool(np.abs(shifts_mm(sizes)).max() <= LARGEST_SHIFT * cells.width_mm)
+            and is_beyond_drawing(model, shifts_mm(sizes))
+        ),
+    )
+
+
+def is_beyond_drawing(model: ScanModel, shifts_mm: FloatArray) -> bool:
+    """Return whether cells are off by more than the shadow of a drawing that is off by a share of its precision."""
+    return float((shifts_mm**2).mean()) > (STAYS * model.frame.magnification * model.drawing.precision_mm) ** 2

@@ -12,9 +12,14 @@ from itertools import accumulate, chain, pairwise
 import numpy as np
 
 from sawmill_tomography.calibration.fit import OnStep, ignore_progress
-from sawmill_tomography.calibration.joint_fit.cell_places import is_beyond_drawing, places_of_cells
 from sawmill_tomography.calibration.joint_fit.climb import BETTER, Climb, scatter_of
-from sawmill_tomography.calibration.joint_fit.effects import EFFECTS, OF_WOOD, Effect
+from sawmill_tomography.calibration.joint_fit.effects import (
+    EFFECTS,
+    OF_WOOD,
+    Effect,
+    is_beyond_drawing,
+    places_of_cells,
+)
 from sawmill_tomography.calibration.joint_fit.finding import AdjustedFit
 from sawmill_tomography.calibration.joint_fit.groups import (
     ON_DETECTOR,
@@ -40,11 +45,7 @@ from sawmill_tomography.calibration.joint_fit.modules import (
 )
 from sawmill_tomography.calibration.joint_fit.motion_sets import MOST_SLIPS, FitPoint, MotionSets
 from sawmill_tomography.calibration.joint_fit.normal_equations import UNTRUSTED, Column, System, ViewGrams
-from sawmill_tomography.calibration.joint_fit.outliers import (
-    inconsistent_views,
-    views_differ,
-    without_views,
-)
+from sawmill_tomography.calibration.joint_fit.outliers import inconsistent_views, views_differ, without_views
 from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, Term
 from sawmill_tomography.calibration.joint_fit.selection import (
     BEYOND_CHANCE,
@@ -54,7 +55,7 @@ from sawmill_tomography.calibration.joint_fit.selection import (
     chance_limit,
 )
 from sawmill_tomography.calibration.joint_fit.slip import angle_scatter, jump_at, likeliest_slip, slip_at
-from sawmill_tomography.calibration.joint_fit.steps import BY_ANGLES, is_small, moved, off_by, stepped
+from sawmill_tomography.calibration.joint_fit.steps import is_small, moved, off_by, stepped
 from sawmill_tomography.calibration.joint_fit.view_poses import (
     OF_TURNING,
     PoseSizes,
@@ -129,9 +130,7 @@ def fit_jointly(
 
 
 def fit_consistent_views(
-    prepared: AdjustedFit,
-    without: Collection[Adjustment] = (),
-    on_step: OnStep = ignore_progress,
+    prepared: AdjustedFit, without: Collection[Adjustment] = (), on_step: OnStep = ignore_progress
 ) -> tuple[AdjustedFit, JointFit]:
     """Fit as `fit_jointly` does, leaving out the few views that a fit to the remaining views does not explain."""
     joint = fit_jointly(prepared, without, on_step)
@@ -253,8 +252,7 @@ class JointFitter:
             or varies.deviation * patch_side_mm(self.model.drawing) <= self.model.drawing.precision_mm
         ):
             return False
-        explained = uniform.remaining(own) - grams.system(columns).remaining(own)
-        return explained > LEAST_EXPLAINED * uniform.structured
+        return uniform.remaining(own) - grams.system(columns).remaining(own) > LEAST_EXPLAINED * uniform.structured
 
     @property
     def _within_drawing(self) -> bool:
@@ -325,7 +323,7 @@ class JointFitter:
         small = is_small(self.model, penalised, posterior.used, change, self.variance)
         whole, of_all = system.with_patches(change)
         of_poses = 0.0 if self.poses is None else pose_change(grams, whole.columns, of_all)
-        self.model, share = stepped(self.model, whole, of_all, grams, may_rise=BY_ANGLES, of_poses=of_poses)
+        self.model, share = stepped(self.model, whole, of_all, grams, of_poses=of_poses)
         for one in {*before, *tried}:
             one.sizes = one.sizes + share * change[one.places]
         self.model = self._with_fitted_modules()
@@ -346,10 +344,7 @@ class JointFitter:
     def _chosen(
         self, system: System, tried: Sequence[Fitted], free: int, sizes: FloatArray
     ) -> tuple[Posterior, list[Group]]:
-        """Return the posterior of the likeliest sizes, from those of the round before: the best change at a time.
-
-        `sizes` (n,): sizes of all columns in the model; 0 for those that are always fitted.
-        """
+        """Return the posterior of the likeliest sizes, from those (n,) of the last round: the best change at a time."""
         groups = [Group.of(one, self.model) for one in (*self.fitted, *tried) if not one.declined]
         everything = [*range(free), *(place for group in groups for place in group.one.places)]
         remaining = system.remaining(everything)
@@ -447,10 +442,7 @@ class JointFitter:
         return self.base
 
     def _system(self, grams: ViewGrams, free: list[Column]) -> tuple[System, list[Fitted], list[int]]:
-        """Return the normal equations of all columns, the effects that may join, and the indices of the fitted columns.
-
-        The likeliest slip is among the effects that may join.
-        """
+        """Return equations of all columns, effects that may join (the likeliest slip too), and the fitted columns."""
         tried = list(self.waiting)
         base = [*free, *(column for one in self.fitted for column in one.columns)]
         if self.of_patches:
@@ -553,8 +545,7 @@ class JointFitter:
 
     def _least_structured(self, system: System) -> float:
         """Return what is structured at least, whatever is fitted: the drawing is off by its precision."""
-        of_drawing = STRUCTURES / OF_DRAWING * min(system.structured, self.of_drawing)
-        return max(UNTRUSTED * system.structured, of_drawing)
+        return max(UNTRUSTED * system.structured, STRUCTURES / OF_DRAWING * min(system.structured, self.of_drawing))
 
     def _variance_on_detector(self, system: System, used: list[int]) -> float:
         """Return the variance against which modules are judged: of noise, or their share of the structure."""
@@ -609,10 +600,7 @@ class JointFitter:
         return places
 
     def _relocated_modules(self, grams: ViewGrams, system: System, used: list[int]) -> bool:
-        """Move a found module to where it explains more next to all else; return whether one has moved.
-
-        A module that is found first stands in for others, and for effects that join later.
-        """
+        """Move a found module to where it explains more next to all that joined later; return whether one has moved."""
         if not self._found_modules or self.rounds > JOINING:
             return False
         search, by_chance = self._module_search(grams, system, used), self._module_by_chance(system, used)
@@ -646,10 +634,7 @@ class JointFitter:
         return False
 
     def _settled(self, system: System, change: FloatArray) -> bool:
-        """Return whether every effect is possible, all scatter of angles is fitted, and averaging follows the model.
-
-        Where something is missing, the model is changed and the fit continues.
-        """
+        """Return whether effects are possible, all scatter is fitted, averaging follows; else change the model."""
         impossible = [one for one in self.fitted if not one.effect.possible(self.model, one.sizes)]
         for one in impossible:
             self.model = moved(self.model, one.columns, -one.sizes)

@@ -146,11 +146,10 @@ class Group:
         odds = prior.odds / max(one.trials, 1.0)
         unit = np.array([unit_of(column, model) for column in one.columns])
         # A jump that was found before the fit may be larger than any that the fit finds.
-        high = max(prior.high, float(np.abs(one.sizes / unit).max()))
         return cls(
             one,
             unit,
-            np.geomspace(prior.low, high, SIZES),
+            np.geomspace(prior.low, max(prior.high, float(np.abs(one.sizes / unit).max())), SIZES),
             math.log(odds / (1.0 - odds)),
             ON_DETECTOR if is_on_detector(one) else STRUCTURES,
         )
@@ -223,8 +222,7 @@ class Posterior:
             return self.left_of_all[0][np.ix_(own, own)] * both, self.left_of_all[1][own] * unit
         own = np.array([self.used.index(place) for place in group.one.places])
         whole = np.linalg.pinv(self.covariance[np.ix_(own, own)] / both, rcond=1e-12, hermitian=True)
-        information = whole - np.eye(len(own)) / self.sizes[group] ** 2
-        return information, whole @ (self.mean[own] / unit)
+        return whole - np.eye(len(own)) / self.sizes[group] ** 2, whole @ (self.mean[own] / unit)
 
     @cached_property
     def log_likelihood(self) -> float:

@@ -19,10 +19,7 @@ ROUNDS = 2
 
 
 def _adjust(plain: AdjustedFit) -> AdjustedFit:
-    """Add the difference, computed from the fit itself, to the sinogram and repeat the fit.
-
-    Without this correction, edges along the rays would bias the geometry.
-    """
+    """Add the difference, from the fit itself, and repeat the fit, which edges along rays would bias."""
     if not plain.from_counts or plain.data.rays_per_cell == 1:  # a cell of one ray averages nothing
         return plain
     data, fit, added = plain.data, plain.fit, np.zeros(())
@@ -33,8 +30,7 @@ def _adjust(plain: AdjustedFit) -> AdjustedFit:
         if again is None:
             return plain
         fit = again
-    after = plain.after(data, fit, AdjustmentMessage.INTENSITY_AVERAGING())
-    return replace(after, averaging=added)
+    return replace(plain.after(data, fit, AdjustmentMessage.INTENSITY_AVERAGING()), averaging=added)
 
 
 def averaging(

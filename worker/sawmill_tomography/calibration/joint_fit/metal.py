@@ -16,13 +16,7 @@ from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.geometry.geometry import FanBeamGeometry
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.projection import analytic
-from sawmill_tomography.reconstruction.metal import (
-    LEAST_NOISE,
-    LEAST_WOOD_MM,
-    MetalFinder,
-    Shadows,
-    smoothed,
-)
+from sawmill_tomography.reconstruction.metal import LEAST_NOISE, LEAST_WOOD_MM, MetalFinder, Shadows, smoothed
 from sawmill_tomography.statistics import robust_deviation
 from sawmill_vocabulary import Handedness, Scanner
 from sawmill_vocabulary.messages import Reason
@@ -71,8 +65,7 @@ def find_metal(
         result = metal
         if settled:
             break
-        weights = np.where(metal.samples, 0.0, 1.0 if data.weights is None else data.weights)
-        weighted = replace(data, weights=weights)
+        weighted = replace(data, weights=np.where(metal.samples, 0.0, 1.0 if data.weights is None else data.weights))
         again = refine(phantom, weighted, fit.frame, position_mm=fit.position_mm, on_step=on_step)
         if again is None:
             break
@@ -97,7 +90,13 @@ def _metal(phantom: Phantom, data: SinogramData, fit: Fit) -> PhantomMetal | Non
     body = finder.bodies([replace(shadows, excess=shadows.excess[:: finder.step])])[0]
     if not body.any():
         return None
-    samples = _with_borders(finder.traced(shadows, body), residual)
+    samples: Samples = finder.traced(shadows, body)
+    for _ in range(MOST_MARGIN):  # neighbours that metal blurs into
+        wider = scipy.ndimage.maximum_filter1d(samples, 3, axis=1)
+        edge = residual[wider & ~samples]
+        if edge.size == 0 or edge.mean() < MARGIN_DEVIATIONS * edge.std() / math.sqrt(edge.size):
+            break
+        samples = wider
     if samples.mean() > MOST_SAMPLES:
         return None
     pieces, count = scipy.ndimage.label(body, np.ones((3, 3)))
@@ -110,26 +109,10 @@ def _metal(phantom: Phantom, data: SinogramData, fit: Fit) -> PhantomMetal | Non
 def _residual(phantom: Phantom, data: SinogramData, fit: Fit) -> NDArray[np.float32]:
     """Compute the residual without each cell's median over the views; 0 where samples have no weight."""
     shadow = analytic.project(
-        phantom,
-        data.cells,
-        fit.frame,
-        data.angles_rad,
-        position_mm=fit.position_mm,
-        rays_per_cell=data.rays_per_cell,
+        phantom, data.cells, fit.frame, data.angles_rad, position_mm=fit.position_mm, rays_per_cell=data.rays_per_cell
     )
     residual = (data.sinogram - fit.gain * shadow - fit.offset).astype(np.float32)
     residual -= np.median(residual, axis=0)
     if data.weights is not None:
         residual[data.weights == 0.0] = 0.0
     return residual
-
-
-def _with_borders(samples: Samples, residual: NDArray[np.float32]) -> Samples:
-    """Return samples (views, cells) that see metal with the neighbours that it blurs into."""
-    for _ in range(MOST_MARGIN):
-        wider: Samples = scipy.ndimage.maximum_filter1d(samples, 3, axis=1)
-        edge = residual[wider & ~samples]
-        if edge.size == 0 or edge.mean() < MARGIN_DEVIATIONS * edge.std() / math.sqrt(edge.size):
-            break
-        samples = wider
-    return samples

@@ -180,8 +180,7 @@ class ModuleSearch:
         neighbouring cells the likeliest one is taken for all.
         """
         left = self._left()
-        sizes = (self._width_mm * HIDDEN_GAPS_CELLS, HIDDEN_KINKS_RAD)
-        factors = [np.concatenate([-each, each]) for each in sizes]
+        factors = [np.concatenate([-each, each]) for each in (self._width_mm * HIDDEN_GAPS_CELLS, HIDDEN_KINKS_RAD)]
         ratios = np.zeros((2, factors[0].size, left.seen.size))
         for kind, information in enumerate((left.gap, left.kink)):
             known, factor = left.seen & np.isfinite(information), factors[kind][:, None]
@@ -260,10 +259,7 @@ class ModuleSearch:
         return place, float(power[place])
 
     def _powers(self, found: Sequence[int], least_power: float = math.inf) -> FloatArray:
-        """Compute the power of a module before each cell (cells,), 0 where none may begin.
-
-        The power is that of a gap or of a kink, or of both less `least_power`, which the second must explain.
-        """
+        """Compute the power (cells,) of a module before each cell: of a gap, a kink, or both less `least_power`."""
         left = self._left(found)
         score_of_gap, score_of_kink = left.scores
         of_both = left.score_of_kink_alone**2 / left.of_kink_alone - least_power
@@ -357,8 +353,7 @@ class _Left:
         """Return the likeliest gap and kink before each cell, and the power that they explain."""
         of_gap, alone = self.scores[0], self.score_of_kink_alone
         kink = alone / self.of_kink_alone
-        gap = (of_gap - self.between * kink) / self.gap
-        return gap, kink, of_gap**2 / self.gap + alone * kink
+        return (of_gap - self.between * kink) / self.gap, kink, of_gap**2 / self.gap + alone * kink
 
     @property
     def score_of_kink_alone(self) -> FloatArray:
@@ -377,11 +372,7 @@ class _Left:
 
 
 def _moved(values: FloatArray) -> FloatArray:
-    """Return the sums, along the last axis, over the cells that a module before each cell moves.
-
-    These are the cells behind, or where the module lies before the detector's middle, with negative sign the cells
-    before.
-    """
+    """Return sums, along the last axis, over the cells that a module moves: those behind, or minus those before."""
     sums = np.cumsum(values[..., ::-1], axis=-1)[..., ::-1]
     sums[..., : values.shape[-1] // 2 + 1] -= sums[..., :1].copy()
     return sums

@@ -48,10 +48,7 @@ def _adjust(plain: AdjustedFit) -> AdjustedFit:
 
 
 def _deviation(adjusted: AdjustedFit, residual: FloatArray, used: FloatArray) -> float:
-    """Compute the residual's robust standard deviation in the shadow, at least what the size tolerance leaves.
-
-    Air does not count: air may be free of noise, and covers most of a sinogram.
-    """
+    """Compute the residual's robust deviation in the shadow, not in air, at least what the size tolerance leaves."""
     depth = float(np.ptp(adjusted.model))
     shadowed = residual[(adjusted.model > adjusted.fit.offset + SHADOW * depth) & (used > 0.0)]
     deviation = robust_deviation(shadowed - np.median(shadowed)) if shadowed.size else 0.0
@@ -61,8 +58,7 @@ def _deviation(adjusted: AdjustedFit, residual: FloatArray, used: FloatArray) ->
 def _is_a_fault(power: FloatArray, outlying: NDArray[np.bool_]) -> bool:
     """Return whether outliers are whole cells or whole views, as with faults; otherwise the model is wrong."""
     cells = power[:, outlying.mean(axis=0) > WHOLE].sum()
-    views = power[outlying.mean(axis=1) > WHOLE].sum()
-    return bool(max(cells, views) > FAULT_SHARE * power.sum())
+    return bool(max(cells, power[outlying.mean(axis=1) > WHOLE].sum()) > FAULT_SHARE * power.sum())
 
 
 OUTLIERS = EffectFinding(Adjustment.OUTLIERS, _adjust)

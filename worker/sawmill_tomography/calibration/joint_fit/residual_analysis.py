@@ -92,9 +92,8 @@ def _fitted(joint: JointFit, scanner: Scanner, radius_mm: float) -> Iterator[Fou
         yield FoundEffect(Adjustment.WOOD_DENSITY, varies, 0.0, fitted=True)
     if joint.angle_variance > 0.0:
         deviation = math.sqrt(joint.angle_variance)
-        moved_mm = deviation * joint.model.drawing.radius_mm
         scattered = EffectMessage.ANGLE_JITTER(jitter_deg=math.degrees(deviation))
-        yield FoundEffect(Adjustment.ANGLE_JITTER, scattered, moved_mm, fitted=True)
+        yield FoundEffect(Adjustment.ANGLE_JITTER, scattered, deviation * joint.model.drawing.radius_mm, fitted=True)
     for one in joint.fitted:
         columns, off = joint.without(one)
         reasons = [one.effect.reason(joint.model, one.sizes), *joint.motion_sets.instead_of(one)]
@@ -110,8 +109,7 @@ def _not_fitted(joint: JointFit, scanner: Scanner, radius_mm: float) -> Iterator
     columns = [joint.system.columns[i] for i in joint.used]
     for one, test in joint.declined:
         off_mm = _off_mm(joint, columns, test.bias, scanner, radius_mm)
-        reason = one.effect.reason(joint.model, test.sizes)
-        yield FoundEffect(one.effect.adjustment, reason, off_mm, fitted=False)
+        yield FoundEffect(one.effect.adjustment, one.effect.reason(joint.model, test.sizes), off_mm, fitted=False)
 
 
 def _off_mm(joint: JointFit, columns: Sequence[Column], off: FloatArray, scanner: Scanner, radius_mm: float) -> float:

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from sawmill_tomography.calibration.covariance import Covariance, frame_deviation, theta_covariance
-from sawmill_tomography.calibration.errors import CalibrationError
 from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit
 from sawmill_tomography.calibration.joint_fit.modules import HiddenModule
 from sawmill_tomography.calibration.joint_fit.motion_sets import DRAWS
 from sawmill_tomography.calibration.joint_fit.scan_model import ARC, WAVES, gap_term, is_of_detector, kink_term
+from sawmill_tomography.calibration.refusals import CalibrationError
 from sawmill_tomography.geometry.detector_shape import FIRST_WAVE
 from sawmill_tomography.geometry.fit_parameters import FRAME, RAYS, FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, Theta
@@ -92,8 +92,7 @@ def residual_statistics(joint: JointFit) -> ResidualStatistics:
     of_free = plain
     inflation, structured = 1.0, False
     if noise > 0.0:
-        remaining = max(joint.system.structured - float(joint.change @ joint.system.score), 0.0)
-        shared = remaining / (SHARES * noise)
+        shared = max(joint.system.structured - float(joint.change @ joint.system.score), 0.0) / (SHARES * noise)
         if views > unknowns:
             clustered = float((scores.white**2).sum()) * views / (views - unknowns) / (unknowns * noise)
             inflation = clustered if clustered > 1.0 + WHITE * math.sqrt(2.0 / (views - unknowns)) else 1.0
@@ -110,11 +109,10 @@ def residual_statistics(joint: JointFit) -> ResidualStatistics:
         of_free = of_free + np.outer(bias[own], bias[own])
     values, names = np.zeros((len(FitParameter), len(FitParameter))), list(free)
     values[np.ix_(names, names)] = of_free[:count, :count]
-    held = frozenset(FitParameter) - frozenset(free)
     unknown = frozenset(p for p in free if not values[p, p] > 0.0)
     ratio = np.diag(of_free)[:count] / np.where(np.diag(plain) > 0.0, np.diag(plain), 1.0)[:count]
     return ResidualStatistics(
-        Covariance(values, held, unknown),
+        Covariance(values, frozenset(FitParameter) - frozenset(free), unknown),
         *_of_rays(joint, [*free, *modules], own, of_free),
         _beyond_waves_mm(joint),
         inflation,
@@ -152,11 +150,7 @@ def terms_of_rays(joint: JointFit) -> list[int]:
 
 
 def _beyond_waves_mm(joint: JointFit) -> float:
-    """Return the RMS ray error, mm, by shorter waves than the fitted ones, if they are as in a random walk.
-
-    The waves of a random walk are as large as 1 / k for k half waves over the detector; the last third of the fitted
-    ones shows how large.
-    """
+    """Return the RMS ray error, mm, by waves shorter than the fitted ones, as in a random walk: k-th as 1 / k."""
     waves = joint.model.data.cells.waves_mm
     if not waves:
         return 0.0
@@ -189,8 +183,7 @@ def _refuse_undetermined(joint: JointFit) -> None:
     scale = system.scale[used]
     values, vectors = np.linalg.eigh(system.normal[np.ix_(used, used)] * np.outer(scale, scale))
     lost = values <= SINGULAR * values[-1]
-    undetermined = vectors[[place for place, p in enumerate(free) if p in RAY_PARAMETERS], :][:, lost]
-    if (undetermined**2).sum() > RAYS_SHARE:
+    if (vectors[[place for place, p in enumerate(free) if p in RAY_PARAMETERS], :][:, lost] ** 2).sum() > RAYS_SHARE:
         raise CalibrationError(
             "too-few-views",
             f"the {system.views} views do not determine the geometry: other scanners would show the same; give "

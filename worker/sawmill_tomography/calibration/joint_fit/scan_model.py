@@ -229,8 +229,7 @@ class ScanModel:
     @cached_property
     def exposure_angle_rad(self) -> float:
         """Half the angle between the two points that represent a view exposed over a whole step, rad."""
-        turned = np.sort(np.mod(self.data.angles_rad, TAU))
-        return float(np.median(np.diff(turned))) / math.sqrt(12.0)
+        return float(np.median(np.diff(np.sort(np.mod(self.data.angles_rad, TAU))))) / math.sqrt(12.0)
 
     @property
     def kernel_arguments(self) -> tuple[object, ...]:
@@ -400,8 +399,7 @@ class ScanModel:
     @cached_property
     def lagging(self) -> FloatArray:
         """Intensity of the view before less the view's own, as a share of the view's own, (views, cells)."""
-        before = np.concatenate([self.blurred[:1], self.blurred[:-1]])
-        late: FloatArray = np.expm1(self.blurred - before)
+        late: FloatArray = np.expm1(self.blurred - np.concatenate([self.blurred[:1], self.blurred[:-1]]))
         return late
 
     @cached_property
@@ -420,15 +418,11 @@ class ScanModel:
         """Positions on the detector from -1/2 to 1/2, (cells,)."""
         return (np.arange(self.data.cells.count) + 0.5) / self.data.cells.count - 0.5
 
-    @property
-    def _adds_intensity(self) -> bool:
-        return any(self.size(term) for term in (Term.SCATTER, Term.SCATTER_WIDE, Term.LAG))
-
     @cached_property
     def prediction(self) -> FloatArray:
         """Model sinogram (views, cells) in the data's unit."""
         model = self.blurred
-        if self._adds_intensity:
+        if any(self.size(term) for term in (Term.SCATTER, Term.SCATTER_WIDE, Term.LAG)):
             model = model - np.log1p(self.added)
         if self.size(Term.SLOPE) or self.size(Term.CURVATURE):
             model = model + self.size(Term.SLOPE) * self.across + self.size(Term.CURVATURE) * self.across**2
@@ -443,17 +437,15 @@ class ScanModel:
     def corner_edges(self) -> FloatArray:
         """Edges (edges, 5) of pieces that corners lose; line integrals are the derivative by the squared radius."""
         square = self.size(Term.CORNERS)
-        with_more = with_rounded_corners(self.drawing, math.sqrt(square + CORNER_STEP))
         without = with_rounded_corners(self.drawing, math.sqrt(square))
         drawn = len(self.drawing.shapes)
         pieces = (
-            *with_more.shapes[drawn:],
+            *with_rounded_corners(self.drawing, math.sqrt(square + CORNER_STEP)).shapes[drawn:],
             *(replace(shape, density=-shape.density) for shape in without.shapes[drawn:]),
         )
         if not pieces:
             return np.empty((0, 5))
-        cut_off = self._warped(pieces)
-        return cut_off.edges * [1.0, 1.0, 1.0, 1.0, 1.0 / CORNER_STEP]
+        return self._warped(pieces).edges * [1.0, 1.0, 1.0, 1.0, 1.0 / CORNER_STEP]
 
     def has_skin(self, term: Term) -> bool:
         """Return whether the wood is thicker than this term's skin."""
@@ -490,11 +482,7 @@ class ScanModel:
         if step == 1:
             return self
         few = replace(
-            self,
-            data=self.data.every(step),
-            gain=self.gain[::step],
-            offset=self.offset[::step],
-            pose=self.pose[::step],
+            self, data=self.data.every(step), gain=self.gain[::step], offset=self.offset[::step], pose=self.pose[::step]
         )
         # The views between, which are left out, determine lag and exposure.
         return replace(few, data=replace(few.data, sinogram=few.prediction + self.residual[::step]))

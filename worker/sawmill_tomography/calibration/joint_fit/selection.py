@@ -46,9 +46,9 @@ class EffectTest:
         """Return whether the effect is far beyond chance, given this number of places where the effect may be."""
         return self.degrees > 0 and self.significance > chance_limit(FITTED / trials, self.degrees)
 
-    def is_beyond_chance(self, trials: float = 1.0) -> bool:
+    def is_beyond_chance(self) -> bool:
         """Return whether chance alone would hardly show an effect of this size."""
-        return self.degrees > 0 and self.significance > chance_limit(BEYOND_CHANCE / trials, self.degrees)
+        return self.degrees > 0 and self.significance > chance_limit(BEYOND_CHANCE, self.degrees)
 
 
 class EffectTester:
@@ -88,8 +88,7 @@ class EffectTester:
         information, scores = system.of_views(left, change + left @ score)
         structured = max(system.structured - explained, UNTRUSTED * system.structured)
         scatter = _scatter(scores, information, variance)
-        on_detector = all(is_of_detector(system.columns[place].term) for place in tried)
-        shares = ON_DETECTOR if on_detector else STRUCTURES
+        shares = ON_DETECTOR if all(is_of_detector(system.columns[place].term) for place in tried) else STRUCTURES
         return EffectTest(power / max(variance * scatter, structured / shares), power, degrees, sizes, bias)
 
 

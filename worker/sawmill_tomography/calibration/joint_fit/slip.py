@@ -108,7 +108,6 @@ def angle_scatter(system: System, change: FloatArray, variance: float) -> float:
     own, cross, score = own[seen], grams[seen, psi, u_c], scores[seen, psi]
     unit = score / np.sqrt(own * variance)
     excess = float((unit**2 - 1.0).sum())
-    neighbours = float((unit[1:] * unit[:-1]).sum())
     remaining = scores[seen, u_c] - cross / own * score
     along = grams[seen, u_c, u_c]
     # Only rounding remains where turning and shifting the view have the same effect.
@@ -117,12 +116,11 @@ def angle_scatter(system: System, change: FloatArray, variance: float) -> float:
     # Where a model is finer than the scan, one view with an edge along the rays may have most of the scatter.
     usual = float(np.median(unit**2)) / MEDIAN_OF_CHI_SQUARED - 1.0
     chance = DEVIATIONS * math.sqrt(2.0 * unit.size)
-    structured = system.structured - float(change @ system.score)
     if (
         excess < chance
-        or excess * variance < EXPLAINED * structured
+        or excess * variance < EXPLAINED * (system.structured - float(change @ system.score))
         or usual * unit.size < IN_MOST * excess
-        or abs(neighbours) > SHARED * excess
+        or abs(float((unit[1:] * unit[:-1]).sum())) > SHARED * excess
         or column_excess > max(COLUMN * excess, 0.5 * chance)
     ):
         return 0.0

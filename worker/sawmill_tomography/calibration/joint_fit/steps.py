@@ -17,9 +17,8 @@ MOVED, GAINED = 25.0, 200.0
 # noise this may be many standard deviations), or gains less than the share NO_GAIN of the residual.
 LEAST_MOVE_MM, NO_GAIN = 0.003, 1e-6
 SHORTEST = 1 / 8
-# A step may raise the residual by these shares, because the compared sum does not contain the random effects of the
-# views: ROUNDING usually, and BY_ANGLES where the views' angles scatter.
-ROUNDING, BY_ANGLES = 1e-4, 0.1
+# A step may raise the residual by this share: the compared sum does not contain the random effects of the views.
+MAY_RISE = 0.1
 
 
 def is_small(model: ScanModel, system: System, used: Sequence[int], change: FloatArray, variance: float) -> bool:
@@ -33,9 +32,8 @@ def off_by(system: System, used: Sequence[int], change: FloatArray) -> float:
     """Compute how far a step moves the geometry, squared, in standard deviations for unit variance of a sample."""
     columns = system.columns
     own = [n for n, i in enumerate(used) if columns[i].parameter is not None]
-    covariance = system.inverse(used)[np.ix_(own, own)]
     step = change[[used[n] for n in own]]
-    return float(step @ pseudo_inverse(covariance, 1e-12) @ step)
+    return float(step @ pseudo_inverse(system.inverse(used)[np.ix_(own, own)], 1e-12) @ step)
 
 
 def _moves_mm(model: ScanModel, columns: Sequence[Column], change: FloatArray) -> float:
@@ -70,17 +68,11 @@ def _moves_mm(model: ScanModel, columns: Sequence[Column], change: FloatArray) -
 
 
 def stepped(
-    model: ScanModel,
-    system: System,
-    change: FloatArray,
-    grams: ViewGrams,
-    *,
-    may_rise: float,
-    of_poses: FloatArray | float = 0.0,
+    model: ScanModel, system: System, change: FloatArray, grams: ViewGrams, *, of_poses: FloatArray | float = 0.0
 ) -> tuple[ScanModel, float]:
     """Take the largest share of the step that does not raise the residual; return the model and the share.
 
-    The residual may rise by the share `may_rise`, and by what the system expects: where a group leaves the fit, or its
+    The residual may rise by the share `MAY_RISE`, and by what the system expects: where a group leaves the fit, or its
     prior is narrower, the residual rises. The returned share is 0 where no share is possible. `of_poses` (views, 3) is
     the step of the poses of single views.
     """
@@ -93,7 +85,7 @@ def stepped(
         # A step that is far too long has no finite residual: it is halved as one that raises the residual is.
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             exists = then.clears and bool((then.gain > 0.0).all())
-            highest = grams.objective_at_model * (1.0 + may_rise) + max(system.rise(share * change), 0.0)
+            highest = grams.objective_at_model * (1.0 + MAY_RISE) + max(system.rise(share * change), 0.0)
             if exists and grams.objective(then.residual) <= highest:
                 return then, share
         share *= 0.5

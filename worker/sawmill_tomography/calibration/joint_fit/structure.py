@@ -92,8 +92,7 @@ def _place(residual: FloatArray, model: FloatArray, shared: float) -> ResidualPl
     unequal = 0.5 * float((np.diff(cells) ** 2).mean()) - (float(power.mean()) - shared) / len(residual)
     if unequal > MOST_POWER * shared:
         return ResidualPlace.CELLS
-    by_view = power.sum(axis=1)
-    if (worst := few_with_most(by_view, FEW_VIEWS)).size:
+    if (worst := few_with_most(power.sum(axis=1), FEW_VIEWS)).size:
         level = np.sqrt(np.abs(residual)).mean(axis=1) ** 2
         if np.median(level[worst]) > ALL_OVER * np.median(level):
             return ResidualPlace.VIEWS

@@ -17,7 +17,7 @@ from sawmill_tomography.calibration.fit import OnStep
 from sawmill_tomography.calibration.joint_fit.groups import MOTIONS
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column, ViewGrams
 from sawmill_tomography.calibration.joint_fit.scan_model import POSE, ScanModel
-from sawmill_tomography.calibration.joint_fit.steps import BY_ANGLES, LEAST_MOVE_MM, stepped
+from sawmill_tomography.calibration.joint_fit.steps import LEAST_MOVE_MM, stepped
 from sawmill_tomography.geometry.fit_parameters import FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_vocabulary import Adjustment
@@ -93,8 +93,7 @@ def likeliest_sizes(model: ScanModel, grams: ViewGrams, columns: Sequence[Column
 def with_view_poses(model: ScanModel, columns: Sequence[Column], rounds: int, on_step: OnStep) -> ScanModel:
     """Find the views' poses next to these columns alone, in twice this number of rounds at most."""
     model = _stepped_often(model, columns, rounds, on_step)
-    other = _with_other_rolls(model, columns, rounds // 3, on_step)
-    return _stepped_often(other, columns, rounds, on_step)
+    return _stepped_often(_with_other_rolls(model, columns, rounds // 3, on_step), columns, rounds, on_step)
 
 
 def _with_other_rolls(model: ScanModel, columns: Sequence[Column], rounds: int, on_step: OnStep) -> ScanModel:
@@ -114,8 +113,7 @@ def _with_other_rolls(model: ScanModel, columns: Sequence[Column], rounds: int, 
             there = ViewGrams(other)
             project_out_poses(other, there, sizes, variance)
             other = replace(other, pose=other.pose + there.of_each_view([], POSE)[0])
-        better = cost(other) < cost(best)
-        best = replace(best, pose=np.where(better[:, None], other.pose, best.pose))
+        best = replace(best, pose=np.where((cost(other) < cost(best))[:, None], other.pose, best.pose))
     return best
 
 
@@ -128,7 +126,7 @@ def _stepped_often(model: ScanModel, columns: Sequence[Column], rounds: int, on_
         system = grams.system(columns)
         change = system.inverse(range(len(columns))) @ system.score
         of_poses = pose_change(grams, columns, change)
-        model, share = stepped(model, system, change, grams, may_rise=BY_ANGLES, of_poses=of_poses)
+        model, share = stepped(model, system, change, grams, of_poses=of_poses)
         if share in (0.0, 1.0) and share * np.abs(of_poses * [model.drawing.radius_mm, 1.0, 1.0]).max() < LEAST_MOVE_MM:
             break
     return model

@@ -140,8 +140,7 @@ def _pieces(corners: FloatArray, radius: float) -> list[FloatArray]:
         bends = first + math.remainder(math.atan2(stop[1], stop[0]) - first, 2.0 * math.pi) * np.linspace(
             0.0, 1.0, ARC_POINTS
         )
-        arc = centre + fitted * np.stack([np.cos(bends), np.sin(bends)], -1)
-        pieces.append(np.concatenate([corner[None], arc]))
+        pieces.append(np.concatenate([corner[None], centre + fitted * np.stack([np.cos(bends), np.sin(bends)], -1)]))
     return pieces
 
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sawmill_tomography.calibration.alternatives import CONTENDER
-from sawmill_tomography.calibration.errors import CalibrationError
 from sawmill_tomography.calibration.fit import Fit, OnStep, ignore_progress, refine
+from sawmill_tomography.calibration.refusals import CalibrationError
 from sawmill_tomography.calibration.search.misfit import (
     Candidate,
     CoarseMisfit,
@@ -118,8 +118,7 @@ def guesses_from_shadow(
     extent = shadow_extent(misfit.sinogram, misfit.cells)
     if extent is None:
         return np.zeros((0, 4))
-    distances = (float(box[0, 0]), float(box[0, 1]))
-    return shadow_guesses(extent, task.phantom.radius_mm, distances, rng)
+    return shadow_guesses(extent, task.phantom.radius_mm, (float(box[0, 0]), float(box[0, 1])), rng)
 
 
 def _improve(
@@ -236,8 +235,7 @@ def ambiguous_poses(
         peak = (correlation > np.roll(correlation, 1)) & (correlation >= np.roll(correlation, -1))
         if other is hypothesis.handedness:
             peak &= np.abs(np.angle(np.exp(1j * turns))) > OWN_PEAK
-        best = sorted(np.flatnonzero(peak), key=lambda index: -correlation[index])[:PEAKS]
-        for index in best:
+        for index in sorted(np.flatnonzero(peak), key=lambda index: -correlation[index])[:PEAKS]:
             frame = replace(at, psi_rad=wrap_angle(at.psi_rad + float(turns[index])))
             poses.append((other, frame, (places[index].real, places[index].imag)))
     return poses

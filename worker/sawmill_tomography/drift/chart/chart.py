@@ -180,12 +180,11 @@ def likelier(steps: StepAndTrendFits, trends: StepAndTrendFits, now_days: float)
     plausible = np.flatnonzero(likelihood >= best[of_kind] - PLAUSIBLE)
     # A change between two candidates is fitted at the nearer one; before the first candidate there is the calibration.
     times = [0.0, *model.began_days.tolist(), now_days]
-    between = times[plausible[0]], times[plausible[-1] + 2]
     return ChartFinding(
         (DriftKind.JUMP, DriftKind.TREND)[of_kind],
         evidence,
         began_days=float(model.began_days[at]),
-        between_days=between,
+        between_days=(times[plausible[0]], times[plausible[-1] + 2]),
         change=DetectorEstimate.of(model.change[at], model.covariance[at]),
         log_odds=0.5 * (best[of_kind] - best[1 - of_kind]),
     )
@@ -272,7 +271,16 @@ def chart_to_state(chart: DriftChart) -> dict[str, Any]:
         },
         "history": history
         and {
-            "segments": [_segment_to_state(segment) for segment in history.segments],
+            "segments": [
+                {
+                    "groups": segment.groups,
+                    "first_days": float(segment.first_days),
+                    "last_days": float(segment.last_days),
+                    "precision": segment.precision.tolist(),
+                    "weighted": segment.weighted.tolist(),
+                }
+                for segment in history.segments
+            ],
             "scatter": {
                 "differences": history.scatter.differences,
                 "squares": history.scatter.squares.tolist(),
@@ -345,16 +353,6 @@ def _history(state: Mapping[str, Any]) -> History:
             _numbers(scatter["covariance"], 2, 2),
         ),
     )
-
-
-def _segment_to_state(segment: Segment) -> dict[str, Any]:
-    return {
-        "groups": segment.groups,
-        "first_days": float(segment.first_days),
-        "last_days": float(segment.last_days),
-        "precision": segment.precision.tolist(),
-        "weighted": segment.weighted.tolist(),
-    }
 
 
 def _segment_from_state(state: Mapping[str, Any]) -> Segment:

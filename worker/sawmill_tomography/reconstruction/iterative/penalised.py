@@ -135,8 +135,7 @@ def _flat_curvatures(n: int) -> tuple[Floats, Floats]:
     frequency = np.hypot(angle[:, None], angle)
     frequency[0, 0] = np.pi / n
     blur = 1.0 / frequency
-    rough = 4.0 * (np.sin(0.5 * angle)[:, None] ** 2 + np.sin(0.5 * angle) ** 2)
-    return blur / blur.mean(), rough
+    return blur / blur.mean(), 4.0 * (np.sin(0.5 * angle)[:, None] ** 2 + np.sin(0.5 * angle) ** 2)
 
 
 def weights_of(sigmas: Floats, shape: tuple[int, ...]) -> Images:
@@ -186,9 +185,8 @@ def continuation(
     on_iteration: OnIteration | None = None,
 ) -> Images:
     """Run some iterations with a multiple of the prior's scale, which smooths edges; return images (images, n, n)."""
-    smoother = replace(objective, prior=objective.prior.rescaled(CONTINUATION_FACTOR))
     return descend(
-        smoother,
+        replace(objective, prior=objective.prior.rescaled(CONTINUATION_FACTOR)),
         start,
         non_negative=non_negative,
         iterations=CONTINUATION_ITERATIONS,

@@ -87,11 +87,10 @@ def outlines(relative: Images, grid: ImageGrid) -> tuple[Floats, Floats, Images]
     area = np.maximum(body.sum(axis=(1, 2)), 1)
     middles = (np.arange(grid.size) + 0.5) * grid.pixel_mm
     x, y = (body.sum(axis=axis) @ middles / area for axis in (2, 1))
-    centres = np.stack([x, y], axis=1) + np.asarray(grid.low_mm)
     radii = np.maximum(np.sqrt(area / np.pi), 1.0) * grid.pixel_mm
     bark = 2 * round(BARK_MM / grid.pixel_mm) + 1
     inside = scipy.ndimage.minimum_filter(body.astype(np.uint8), (0, bark, bark)) if bark > 1 else body
-    return centres, radii, np.asarray(inside, np.float32)
+    return np.stack([x, y], axis=1) + np.asarray(grid.low_mm), radii, np.asarray(inside, np.float32)
 
 
 def _piths(slopes: Images, inside: Images, grid: ImageGrid, centres: Floats, radii: Floats, joined: Floats) -> Floats:
@@ -105,10 +104,9 @@ def _piths(slopes: Images, inside: Images, grid: ImageGrid, centres: Floats, rad
     scores = np.empty((len(slopes), len(shifts)))
     low = np.asarray(grid.low_mm) - 0.5 * (EVERY - 1) * grid.pixel_mm
     kernels.score(across, weights, low, EVERY * grid.pixel_mm, centres, radii, shifts, WIDTH, scores)
-    maps = _along_the_log(scores, joined).reshape(-1, side.size, side.size)
     usual = np.exp(-0.5 * np.square(shifts / USUAL_REACH).sum(axis=1)).reshape(side.size, side.size)
     piths = np.empty((len(slopes), 2))
-    for k, of_slice in enumerate(maps):
+    for k, of_slice in enumerate(_along_the_log(scores, joined).reshape(-1, side.size, side.size)):
         i, j = _top(of_slice, _highest(of_slice * usual))
         piths[k] = _peak(of_slice[i - 1 : i + 2, j], side[i]), _peak(of_slice[i, j - 1 : j + 2], side[j])
     return piths

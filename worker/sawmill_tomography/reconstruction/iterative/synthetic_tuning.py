@@ -75,8 +75,5 @@ class SyntheticTuning:
     def _objective(self, weights: Images, prior: Prior) -> Objective:
         """Return the objective of the real and the synthetic scan in turn, for each candidate."""
         return Objective(
-            self.projector,
-            np.tile(self.lines, (len(weights), 1, 1)),
-            np.repeat(weights, 2, axis=0),
-            prior.repeated(2),
+            self.projector, np.tile(self.lines, (len(weights), 1, 1)), np.repeat(weights, 2, axis=0), prior.repeated(2)
         )
