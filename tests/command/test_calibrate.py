@@ -108,8 +108,7 @@ def test_people_get_a_table_and_a_report_that_is_a_picture_or_a_page_as_its_name
 
 
 def test_a_phantom_may_be_a_picture_of_known_width(run, phantom_scan, tmp_path):
-    image = L_SHAPE.rasterise(800, 400.0)
-    Image.fromarray(np.rint(255 * image).astype(np.uint8)).save(tmp_path / "l.png")
+    Image.fromarray(np.rint(255 * L_SHAPE.rasterise(800, 400.0)).astype(np.uint8)).save(tmp_path / "l.png")
     document = calibrated(run, phantom_scan, *KNOWN, "--phantom", tmp_path / "l.png", "--phantom-width-mm", 400)
     assert error_mm(document) < 0.1
 
@@ -155,8 +154,7 @@ def test_without_an_answer_the_object_reports_why(failure, bare_scan, phantom_sc
     assert pitch["code"] == "detector-pitch-missing"
     assert "--detector-pitch-mm" in pitch["detail"]
     (tmp_path / "text.h5").write_text("no scan")
-    noise = np.random.default_rng(5).standard_normal((24, 1, 256)).astype(np.float32)
-    np.save(tmp_path / "noise.npy", noise)
+    np.save(tmp_path / "noise.npy", np.random.default_rng(5).standard_normal((24, 1, 256)).astype(np.float32))
     np.save(tmp_path / "narrow.npy", np.ones((60, 1, 4), np.float32))
     narrow = failure("calibrate", tmp_path / "narrow.npy", *BARE, "--angles-deg", "3:6")
     assert (narrow["code"], "num_detector_pixels is 4" in narrow["detail"]) == ("out-of-range", True)

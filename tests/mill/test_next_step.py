@@ -53,8 +53,7 @@ def compared(moved_mm=0.05, *reasons, against="active", **changes):
 
 
 def checked(moved_mm=0.05, *, within=True, at=LATER, message=LogMessage.MOVED):
-    cause = LogMessage.DETECTOR_SLID(column_mm=-2.12)
-    reason = message(cause, moved_mm=moved_mm, allowed_mm=0.5, limit_mm=0.1)
+    reason = message(LogMessage.DETECTOR_SLID(column_mm=-2.12), moved_mm=moved_mm, allowed_mm=0.5, limit_mm=0.1)
     return Checked(at, "active", within, moved_mm, 0.5, CodedReason.of(reason))
 
 
@@ -109,8 +108,7 @@ def test_the_headline_has_the_number_and_the_limit_and_the_action_begins_with_th
 
 
 def test_a_sentence_of_an_earlier_version_stays_english_and_has_no_code():
-    old = answer(reasons=["h_S is not resolved"], coded_reasons=[], **OLD)
-    step = step_alone(old)
+    step = step_alone(answer(reasons=["h_S is not resolved"], coded_reasons=[], **OLD))
     assert (step.reason.message.value, step.english) == ("look", "h_S is not resolved")
     assert step.reason.parts[0].message is StandIn.EARLIER_VERSION
     unknown = CodedReason(code="of-a-later-version", sentence="A later reason.")
