@@ -30,22 +30,18 @@ pytest_plugins = ["processor_seconds", "machine_faults"]
 MEMORY, ENOUGH_BYTES = Path("/dev/shm"), 4 * 2**30  # noqa: S108 - folders of its own in it
 
 
-def fits_in_memory() -> bool:
-    """Whether temporary files can lie there: nobody has named another place, it is large, and may hold programs."""
-    return (
-        "TMPDIR" not in os.environ
-        and os.access(MEMORY, os.W_OK)
-        and shutil.disk_usage(MEMORY).free >= ENOUGH_BYTES
-        and not os.statvfs(MEMORY).f_flag & os.ST_NOEXEC
-    )
-
-
 def pytest_configure() -> None:
     """Keep bytecode, though containers often say not to: hundreds of processes would each compile our code."""
     configure_threads()
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     sys.dont_write_bytecode = False
-    if fits_in_memory():  # nothing of a test outlives a loss of power, and on a disk each commit takes 4 ms
+    # Whether temporary files can lie there: nobody has named another place, it is large, and may hold programs.
+    if (
+        "TMPDIR" not in os.environ
+        and os.access(MEMORY, os.W_OK)
+        and shutil.disk_usage(MEMORY).free >= ENOUGH_BYTES
+        and not os.statvfs(MEMORY).f_flag & os.ST_NOEXEC
+    ):  # nothing of a test outlives a loss of power, and on a disk each commit takes 4 ms
         os.environ["TMPDIR"] = tempfile.tempdir = str(MEMORY)
     log_plainly()
     share_compiled_statements()

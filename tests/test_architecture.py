@@ -25,13 +25,6 @@ ROOT = Path(__file__).parents[1]
 WORKER = ROOT / "worker"
 
 
-def modules_of(package: str) -> str:
-    """Every module of a package, by its import name and with commas between."""
-    paths = sorted((WORKER / package.replace(".", "/")).rglob("*.py"))
-    names = (".".join(path.relative_to(WORKER).with_suffix("").parts) for path in paths)
-    return ", ".join(name.removesuffix(".__init__") for name in names)
-
-
 @cache
 def imported_by(statements: str) -> frozenset[str]:
     """Every module that a fresh interpreter holds after some statements."""
@@ -100,7 +93,10 @@ BELOW_PICTURES = (
     ],
 )
 def test_a_package_stands_on_those_below_it_alone(package, allowed, never):
-    modules = imported_by(f"import {modules_of(package)}")
+    # Every module of a package, by its import name and with commas between.
+    paths = sorted((WORKER / package.replace(".", "/")).rglob("*.py"))
+    names = (".".join(path.relative_to(WORKER).with_suffix("").parts) for path in paths)
+    modules = imported_by(f"import {', '.join(name.removesuffix('.__init__') for name in names)}")
     roots = {each.split(".")[0] for each in (package, *allowed)}  # whose own __init__.py imports nothing
     assert not of(PACKAGES, modules) - roots - of((package, *allowed), modules)
     assert not of(never, modules)

@@ -62,13 +62,11 @@ def test_a_release_is_read_in_two_minutes():
     assert max(len(release.strip().splitlines()) for release in releases) <= 40
 
 
-def page_words(document: str) -> set[str]:
-    """What a document prints in bold: words that stand on a page."""
-    return {" ".join(words.split()) for words in re.findall(r"\*\*(.+?)\*\*", document, re.DOTALL)}
-
-
 def test_the_technician_s_words_are_those_of_the_pages():
-    english, finnish = (page_words((ROOT / f"docs/do/technician{kind}.md").read_text()) for kind in ("", ".fi"))
+    # What a document prints in bold stands on a page.
+    documents = ((ROOT / f"docs/do/technician{kind}.md").read_text() for kind in ("", ".fi"))
+    bold = (re.findall(r"\*\*(.+?)\*\*", document, re.DOTALL) for document in documents)
+    english, finnish = ({" ".join(words.split()) for words in each} for each in bold)
     translated = {message.id: message.string for message in catalogue("fi") if message.id}
     assert english <= translated.keys()
     assert {translated[words] for words in english} <= finnish

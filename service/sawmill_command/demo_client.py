@@ -55,16 +55,12 @@ def running_service(
                 _wait_until_ready(client, service, log)
                 yield client
         finally:
-            _stop(service)
-
-
-def _stop(service: "subprocess.Popen[bytes]") -> None:
-    service.terminate()
-    try:
-        service.wait(STOP_TIMEOUT_S)
-    except subprocess.TimeoutExpired:  # the workers notice the end of the service and end too
-        service.kill()
-        service.wait()
+            service.terminate()
+            try:
+                service.wait(STOP_TIMEOUT_S)
+            except subprocess.TimeoutExpired:  # the workers notice the end of the service and end too
+                service.kill()
+                service.wait()
 
 
 def _wait_until_ready(client: httpx.Client, service: "subprocess.Popen[bytes]", log: Path) -> None:

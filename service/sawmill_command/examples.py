@@ -52,8 +52,10 @@ def write_mill_stack(path: Path, views: int, slices: list[Phantom]) -> None:
     )
 
 
-def _write_npz(path: Path) -> None:
-    """Write a scan of the phantom alone, small enough to be tried from a browser."""
+def record(folder: Path) -> None:
+    """Write the files of the examples of a new data folder."""
+    write_mill_stack(folder / seeding.STACK_FILE, 120, mill_slices())
+    # A scan of the phantom alone, small enough to be tried from a browser.
     views = 60
     stack = mill_stack(views, mill_slices()[:1])
     buffer = io.BytesIO()
@@ -64,13 +66,7 @@ def _write_npz(path: Path) -> None:
         darks=stack.darks,
         angles_deg=np.rad2deg(full_turn(views)),
     )
-    path.write_bytes(buffer.getvalue())
-
-
-def record(folder: Path) -> None:
-    """Write the files of the examples of a new data folder."""
-    write_mill_stack(folder / seeding.STACK_FILE, 120, mill_slices())
-    _write_npz(folder / seeding.PHANTOM_FILE)
+    (folder / seeding.PHANTOM_FILE).write_bytes(buffer.getvalue())
 
 
 if __name__ == "__main__":

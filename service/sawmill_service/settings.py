@@ -189,7 +189,9 @@ class ServiceSettings(NetworkSettings, UploadSettings, ClientSettings):
     @property
     def names(self) -> list[str]:
         """Names by which clients may call from anywhere: `host`, unless it means every address, and allowed names."""
-        return [*self._own_name(), *self._public_name(), *self.allowed_hosts]
+        host = urlsplit(self.public_url or "").hostname
+        public = [f"[{host}]" if ":" in host else host] if host else []
+        return [*self._own_name(), *public, *self.allowed_hosts]
 
     @property
     def behind_proxy(self) -> bool:
@@ -203,10 +205,6 @@ class ServiceSettings(NetworkSettings, UploadSettings, ClientSettings):
             return self.behind_proxy or not is_loopback(self.host)
         except ValueError:  # a name
             return self.host != "localhost"
-
-    def _public_name(self) -> list[str]:
-        host = urlsplit(self.public_url or "").hostname
-        return [f"[{host}]" if ":" in host else host] if host else []
 
     def _own_name(self) -> list[str]:
         try:

@@ -283,17 +283,11 @@ def test_inspect_follows_links_and_names_what_is_not_there(run, master, stack, t
     assert {part["leads_to"] for part in answer["parts"]} >= {f"file {stack.name}:/entry/sample (not there)"}
 
 
-@pytest.fixture(scope="session")
-def folder(parts):
-    """The same as a folder of images for the views, one for the flats, and a file of the darks."""
-    for name in ("views", "flats"):
-        (parts / name).mkdir()
-        for index, image in enumerate(np.load(parts / f"{name}.npy")):
-            tifffile.imwrite(parts / name / f"image-{index}.tif", image)
-    return parts / "views"
-
-
-def test_inspect_a_folder(run, folder):
+def test_inspect_a_folder(run, parts, tmp_path):
+    folder = tmp_path / "views"
+    folder.mkdir()
+    for index, image in enumerate(np.load(parts / "views.npy")):
+        tifffile.imwrite(folder / f"image-{index}.tif", image)
     (folder / "notes.txt").write_text("nothing of the scan")
     answer = json.loads(run("inspect", folder, "--json", "--data", "counts").stdout)
     assert (answer["format"], answer["verdict"]) == ("folder-of-tiffs", "incomplete")

@@ -326,13 +326,9 @@ NAMED = {
 }
 
 
-@pytest.fixture
-def text():
+def test_the_file_holds_every_number_to_the_last_digit():
     matrices = np.stack([matrix(angle) for angle in GANTRY_DEG])
-    return rtk_xml({**NAMED, "GantryAngle": GANTRY_DEG, "Matrix": matrices}, "three views")
-
-
-def test_the_file_holds_every_number_to_the_last_digit(text):
+    text = rtk_xml({**NAMED, "GantryAngle": GANTRY_DEG, "Matrix": matrices}, "three views")
     assert text.startswith('<?xml version="1.0"?>\n<!DOCTYPE RTKGEOMETRY>\n')
     root = ET.fromstring(text)  # noqa: S314 - our own text
     assert (root.tag, root.get("version")) == ("RTKThreeDCircularGeometry", "3")

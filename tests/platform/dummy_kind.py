@@ -71,8 +71,7 @@ class SumRow(Resource):
 
 
 def handed_over(session, files, job):
-    row = session.get(SumRow, job.subject_id)
-    return Numbers(kept=files.kept_with(job.id), numbers=row.numbers["of"])
+    return Numbers(kept=files.kept_with(job.id), numbers=session.get(SumRow, job.subject_id).numbers["of"])
 
 
 def record_success(session, kind, subject_id, result, now):

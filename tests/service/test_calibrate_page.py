@@ -244,8 +244,7 @@ def test_a_scan_that_cannot_be_read_is_tried_again_without_sending_it(seeded, st
 def test_another_phantom_in_the_scan_is_named_first_with_a_button_that_calibrates_with_it(
     seeded, store, worker, started, woken
 ):
-    remark = PreparingMessage.NO_SIGNAL(samples=50)
-    worker.finish_scan(coded_remarks=[CodedReason.of(remark).model_dump()])
+    worker.finish_scan(coded_remarks=[CodedReason.of(PreparingMessage.NO_SIGNAL(samples=50)).model_dump()])
     scanner = Scanner(source_to_cor_mm=859.46, num_detector_pixels=768, detector_pitch_mm=1.5)
     with pytest.raises(CalibrationError) as refusal:
         refuse_unfound(scanner, BUILT_IN["l-shape"], None, 1.0, lambda: "rectangle-with-hole")

@@ -216,14 +216,8 @@ def contract():
     return json.loads((ROOT / "openapi/openapi.json").read_text())
 
 
-@pytest.fixture(scope="module")
-def released():
-    return json.loads((ROOT / "openapi/released.json").read_text())
-
-
-def test_one_version_stands_everywhere_is_raised_as_its_changes_need_and_the_record_is_of_the_last_release(
-    contract, released
-):
+def test_one_version_stands_everywhere_is_raised_as_its_changes_need_and_the_record_is_of_the_last_release(contract):
+    released = json.loads((ROOT / "openapi/released.json").read_text())
     fault = fault_of_version(released, contract)
     assert fault is None, fault
     newest, _ = HEADINGS.findall((ROOT / "CHANGELOG.md").read_text())[0]

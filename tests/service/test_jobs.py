@@ -261,8 +261,7 @@ def test_an_id_never_given_is_one_of_before_and_the_first_versions_jobs_end_with
         job, end = blocks(seeded.get("/v1/jobs/example/events", headers=headers).text)
         assert (job["event"], end["event"], "id" in end) == ("job", "end", False)
     worker.finish_calibration()
-    newest = store.events.newest_number()
-    for other in ("0", str(newest + 1)):
+    for other in ("0", str(store.events.newest_number() + 1)):
         assert [block["event"] for block in blocks(listen(other))] == ["job", "end"]
     for wrong in ("-1", "x"):
         answer = seeded.get(f"/v1/jobs/{job_id}/events", headers={"Last-Event-ID": wrong})

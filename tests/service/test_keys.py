@@ -255,8 +255,7 @@ def anna(seeded, store):
 def test_every_decision_is_entered_with_who_made_it_and_read_over_http_and_as_a_file(anna, store, tmp_path):
     before = store.audit.page().items[0].number
     scanner = anna.post("/v1/scanners", json=SPEC).json()["id"]
-    looser = SPEC | {"tolerances": {"predicted_ray_error_mm": 5.0}}
-    anna.put(f"/v1/scanners/{scanner}", json=looser)
+    anna.put(f"/v1/scanners/{scanner}", json=SPEC | {"tolerances": {"predicted_ray_error_mm": 5.0}})
     anna.delete(f"/v1/scanners/{scanner}")
     schedule = anna.post("/v1/schedules", json=SCHEDULE).json()["id"]
     anna.put(f"/v1/schedules/{schedule}", json=SCHEDULE | {"on_pass": "activate"})

@@ -296,20 +296,15 @@ def up_to(words: Iterator[str], end: str) -> list[str]:
     return [word for word in iter(words.__next__, end) if word != ","]
 
 
-@pytest.fixture
-def known(client) -> dict[str, dict[str, set[str]]]:
-    """Of a scrape of a service that has answered: the values of each label of each name."""
+def test_rules_and_dashboard_are_whole_and_name_what_is_of_a_scrape(client):
     client.get("/v1/scanners")
-    found = defaultdict(lambda: defaultdict(set))
+    found = defaultdict(lambda: defaultdict(set))  # the values of each label of each name
     for family in text_string_to_metric_families(client.get("/metrics").text):
         for sample in family.samples:
             values = found[sample.name]
             for label, value in sample.labels.items():
                 values[label].add(value)
-    return FROM_ELSEWHERE | found
-
-
-def test_rules_and_dashboard_are_whole_and_name_what_is_of_a_scrape(known):
+    known = FROM_ELSEWHERE | found
     page = dashboard()
     panels = [panel for panel in page["panels"] if panel["type"] != "row"]
     assert page["title"] == "Sawmill calibration"

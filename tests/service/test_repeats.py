@@ -143,8 +143,7 @@ def test_a_refused_request_may_be_mended_and_a_secret_is_in_the_first_answer_alo
     mended = seeded.post("/v1/calibrations", json=ASK, headers=named("once"))
     assert (mended.status_code, mended.headers.get("Idempotency-Replayed")) == (202, None)
     job_id = seeded.post("/v1/calibrations", json=ASK).json()["job_id"]
-    paths = [f"/v1/jobs/{job_id}/cancel", "/v1/jobs/example/cancel"]
-    for number, path in enumerate(paths):
+    for number, path in enumerate([f"/v1/jobs/{job_id}/cancel", "/v1/jobs/example/cancel"]):
         first = seeded.post(path, headers=named(f"once-{number}"))
         assert (first.status_code, seeded.post(path, headers=named(f"once-{number}")).content) == (202, first.content)
     assert store.jobs.get(job_id).state == "cancelled"
@@ -182,16 +181,6 @@ def each_store(request):
     return request.getfixturevalue("store")
 
 
-def complete_upload(store):
-    upload = store.uploads.create(UploadRequest(size_bytes=len(CONTENT)), UploadQuota(9, 2**30, 2**30))
-    part = store.uploads.begin_part(upload.id, 0)
-    part.take(AsSent(), CONTENT, commits=False)
-    part.finish(AsSent())
-    part.complete()
-    part.close()
-    return upload.id
-
-
 @pytest.mark.parametrize(
     ("each_store", "kind"),
     [
@@ -206,7 +195,13 @@ def test_all_that_use_one_upload_under_one_key_get_one_answer(seeded, each_store
     """Half of them come to the upload only when it has been used, though nobody had an answer when they looked."""
     seeded.app = create_app(settings, each_store, print)
     seeded.get("/health/live")  # the first request puts the application together
-    path = PATHS[kind].format(complete_upload(each_store))
+    upload = each_store.uploads.create(UploadRequest(size_bytes=len(CONTENT)), UploadQuota(9, 2**30, 2**30))
+    part = each_store.uploads.begin_part(upload.id, 0)
+    part.take(AsSent(), CONTENT, commits=False)
+    part.finish(AsSent())
+    part.complete()
+    part.close()
+    path = PATHS[kind].format(upload.id)
     looked, answered, in_time = threading.Barrier(AT_ONCE), threading.Event(), threading.Semaphore(AT_ONCE // 2)
     again = threading.local()
 

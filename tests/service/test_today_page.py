@@ -293,8 +293,7 @@ def test_an_alarm_is_listed_and_shown_until_it_ends(seeded, store, later):
     finnish = seeded.get("/scanners/example", headers={"Accept-Language": "fi"}).text
     assert "Se ei ole lähettänyt skannauksia sallitussa ajassa" in finnish
     assert 'sawmill_scanner_alarm{kind="scanner-quiet",scanner="example"} 1.0' in seeded.get("/metrics").text
-    known = store.scanners.get("example")
-    store.scanners.update("example", known.model_copy(update={"alarms": AlarmLimits()}))
+    store.scanners.update("example", store.scanners.get("example").model_copy(update={"alarms": AlarmLimits()}))
     store.alarms.check()
     assert sentence not in seeded.get("/scanners/example").text
     assert 'sawmill_scanner_alarm{kind="scanner-quiet",scanner="example"} 0.0' in seeded.get("/metrics").text

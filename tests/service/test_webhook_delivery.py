@@ -270,22 +270,15 @@ def test_variables_of_proxies_are_passed_over(store, receiver, monkeypatch):
     assert len(receiver.messages) == 1
 
 
-@pytest.fixture(scope="module")
-def certificate(tmp_path_factory):
-    """Of hooks.mill.example, by itself."""
-    folder = tmp_path_factory.mktemp("tls")
-    key = "-newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -keyout key.pem"
-    name = "-subj /CN=hooks.mill.example -addext subjectAltName=DNS:hooks.mill.example"
-    command = f"openssl req -x509 -days 1 {key} -out certificate.pem {name}".split()
-    subprocess.run(command, cwd=folder, check=True, capture_output=True)
-    return folder
-
-
-def test_tls_is_verified_by_the_name_and_not_by_the_address(store, certificate):
+def test_tls_is_verified_by_the_name_and_not_by_the_address(store, tmp_path):
     if shutil.which("openssl") is None:
         skip_without("no openssl here to make a certificate")
+    key = "-newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -keyout key.pem"
+    subject = "-subj /CN=hooks.mill.example -addext subjectAltName=DNS:hooks.mill.example"
+    command = f"openssl req -x509 -days 1 {key} -out certificate.pem {subject}".split()
+    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
     server = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-    server.load_cert_chain(certificate / "certificate.pem", certificate / "key.pem")
+    server.load_cert_chain(tmp_path / "certificate.pem", tmp_path / "key.pem")
     named = []
     server.sni_callback = lambda _socket, name, _context: named.append(name)
 
@@ -293,7 +286,7 @@ def test_tls_is_verified_by_the_name_and_not_by_the_address(store, certificate):
         return ["127.0.0.1"]
 
     def trusted() -> ssl.SSLContext:
-        return ssl.create_default_context(cafile=certificate / "certificate.pem")
+        return ssl.create_default_context(cafile=tmp_path / "certificate.pem")
 
     with receiving(server) as receiver:
         hosts = [f"{name}.mill.example:{receiver.port}" for name in ("hooks", "other")]

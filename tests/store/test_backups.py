@@ -165,8 +165,7 @@ def test_what_is_restored_elsewhere_is_all_there_and_goes_on(
 
 @sqlite_alone
 def test_an_unchanged_file_is_linked_and_not_read(store, settings, work, into):
-    first_scan = work()
-    twin = store.files.results(kinds.INGEST, first_scan) / "twin"
+    twin = store.files.results(kinds.INGEST, work()) / "twin"
     twin.hardlink_to(twin.with_name("result"))
     first = take_backup(settings, into, silent)
     sizes = [(first.path / path).stat().st_size for path in read_sums(first.path) if path.startswith("data/")]

@@ -312,8 +312,7 @@ def test_a_first_start_gives_both_one_identity_which_a_copy_keeps(tmp_path):
     with closing(Store.open(settings)) as store:
         first = identity_of(store)
     shutil.copytree(tmp_path / "first", tmp_path / "copy")
-    copy = settings.model_copy(update={"data_folder": tmp_path / "copy"})
-    with closing(Store.open(copy)) as store:
+    with closing(Store.open(settings.model_copy(update={"data_folder": tmp_path / "copy"}))) as store:
         assert identity_of(store) == read_identity(tmp_path / "copy") == read_identity(tmp_path / "first") == first
         assert len(first) == 32
 

@@ -172,8 +172,7 @@ def test_calibrations_go_and_schedules_keep_their_runs(mill, clock, scanner, upl
 
 @sqlite_alone
 def test_inspections_go_after_their_jobs(mill, clock):
-    received = mill.files.receive([b"file"], max_bytes=10)
-    waits = mill.inspections.accept_file(InspectionOptions(), received)
+    waits = mill.inspections.accept_file(InspectionOptions(), mill.files.receive([b"file"], max_bytes=10))
     clock.advance(days=3)
     put(mill, RetentionRules(inspections_days=1))
     assert RetentionKind.INSPECTIONS not in carried_out(mill)

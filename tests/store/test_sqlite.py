@@ -71,7 +71,6 @@ def test_each_cancellation_gets_a_piece_and_the_room_is_taken_again_when_there_i
 
 
 def test_a_disk_that_counts_as_full_keeps_its_last_room_for_others(store, full_disk):
-    free_bytes = store.settings.disk_reserve_bytes + SPARE_BYTES - 1
-    full_disk(free_bytes)
+    full_disk(store.settings.disk_reserve_bytes + SPARE_BYTES - 1)
     store.fill_spare_room()
     assert not (store.files.folder / "sawmill.db.spare").exists()

@@ -62,29 +62,21 @@ class ProcessorSeconds:
         for name, seconds in sorted(rows.items(), key=lambda row: -row[1]):
             terminalreporter.write_line(f"{seconds:8.1f}  {name}")
         terminalreporter.write_line(f"{total:8.1f}  in all")
-        if is_whole(terminalreporter.config):
+        # Whether no file, word or other marker was asked for.
+        asked = terminalreporter.config.option.keyword or terminalreporter.config.option.markexpr != WHOLE
+        if terminalreporter.config.args_source is pytest.Config.ArgsSource.TESTPATHS and not asked:
             self.compare(terminalreporter, total)
 
     def compare(self, terminalreporter: Any, total_s: float) -> None:
         """Print the sum in units of the reference computation; above the limit the run fails."""
         unit_s = median(reference_s() for _ in range(3))
-        units, limit = total_s / unit_s, suite_limit(terminalreporter.config.rootpath)
+        # The limit of the whole suite is in units of the reference computation.
+        settings = tomllib.loads((terminalreporter.config.rootpath / "pyproject.toml").read_text())
+        units, limit = total_s / unit_s, float(settings["tool"]["sawmill"]["budget"]["suite_reference_units"])
         terminalreporter.write_line(f"{units:8.0f}  times the reference computation of {unit_s:.3f} s; limit {limit}")
         if units > limit:
             terminalreporter.write_line("The suite takes too long: pyproject.toml, tool.sawmill.budget", red=True)
             self._session.exitstatus = pytest.ExitCode.TESTS_FAILED
-
-
-def is_whole(config: pytest.Config) -> bool:
-    """Return whether no file, word or other marker was asked for."""
-    asked = config.option.keyword or config.option.markexpr != WHOLE
-    return config.args_source is pytest.Config.ArgsSource.TESTPATHS and not asked
-
-
-def suite_limit(root: Any) -> float:
-    """Read the limit of the whole suite, in units of the reference computation."""
-    settings = tomllib.loads((root / "pyproject.toml").read_text())
-    return float(settings["tool"]["sawmill"]["budget"]["suite_reference_units"])
 
 
 def pytest_configure(config: pytest.Config) -> None:

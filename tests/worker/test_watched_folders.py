@@ -74,8 +74,7 @@ class Watched:
     def read(self) -> None:
         """Read all scans that wait, without any science."""
         while claim := self.store.jobs.claim("a worker"):
-            scan = self.store.scans.get(claim.job.subject_id)
-            if self.content(scan).startswith(BAD):
+            if self.content(self.store.scans.get(claim.job.subject_id)).startswith(BAD):
                 failure = Failure(kind=FailureKind.INPUT, code="unknown-format", detail="the file is no scan")
                 self.store.jobs.fail(claim, failure)
                 continue

@@ -51,16 +51,12 @@ def activate(session: Session, scanner_id: str, calibration_id: str, reason: str
     session.add(ActivationRow(scanner_id=scanner_id, calibration_id=calibration_id, activated_at=now, reason=reason))
     session.flush()
     if not again:
-        _name_in_waiting(session, scanner_id, calibration_id)
-
-
-def _name_in_waiting(session: Session, scanner_id: str, calibration_id: str) -> None:
-    """Name the calibration in reconstructions that wait for the first one that a new scanner activates."""
-    waiting = select(ReconstructionRow).join(JobRow, ReconstructionRow.job_id == JobRow.id)
-    waiting = waiting.where(ReconstructionRow.scanner_id == scanner_id, ReconstructionRow.calibration_id.is_(None))
-    for row in session.scalars(waiting.where(JobRow.state == JobState.QUEUED)):
-        if row.options.get("theta") is None:
-            row.calibration_id = calibration_id
+        # Name the calibration in reconstructions that wait for the first one that a new scanner activates.
+        waiting = select(ReconstructionRow).join(JobRow, ReconstructionRow.job_id == JobRow.id)
+        waiting = waiting.where(ReconstructionRow.scanner_id == scanner_id, ReconstructionRow.calibration_id.is_(None))
+        for row in session.scalars(waiting.where(JobRow.state == JobState.QUEUED)):
+            if row.options.get("theta") is None:
+                row.calibration_id = calibration_id
 
 
 def discard(session: Session, scanner_id: str, calibration_id: str, reason: str, now: datetime) -> None:

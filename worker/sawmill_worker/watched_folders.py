@@ -142,7 +142,9 @@ class _Folder:
                 with self._reported(name), suppress(FileNotFoundError):
                     on_way.append(self._take(here, taken, name))
                     self._bring_on(watched, here, taken, on_way[-1])
-            self._forget_all_but({watched.folder, *names, *on_way})
+            for notes in (self._looks, self._said, self._again_s):
+                for gone in notes.keys() - {watched.folder, *names, *on_way}:
+                    notes.pop(gone)
 
     @contextmanager
     def _reported(self, about: str) -> Iterator[None]:
@@ -158,11 +160,6 @@ class _Folder:
         if self._said.get(about) != reason:
             self._said[about] = reason
             structlog.get_logger().warning(event, scanner_id=self._scanner_id, about=about, reason=reason)
-
-    def _forget_all_but(self, names: Collection[str]) -> None:
-        for notes in (self._looks, self._said, self._again_s):
-            for gone in notes.keys() - names:
-                notes.pop(gone)
 
     def _is_due(self, name: str) -> bool:
         return self._monotonic() >= self._again_s.get(name, 0.0)

@@ -155,7 +155,10 @@ def data_folder(storage: StorageSettings) -> Iterator[DoctorFinding]:
         return
     yield _writable(folder)
     if not is_closed(folder):
-        yield from _half_restored(folder)
+        try:
+            refuse_half_restored(folder)
+        except StorageMisconfigured as error:
+            yield bad("data folder", str(error), "wait for its end, or give sawmill restore BACKUP once more")
     if storage.is_one_file and (kind := file_system(folder)) in _OF_NETWORKS:
         yield bad(
             "data folder",
@@ -163,13 +166,6 @@ def data_folder(storage: StorageSettings) -> Iterator[DoctorFinding]:
             "move it to a local disk, or give SAWMILL_DATABASE_URL=postgresql://...",
         )
     yield from _room(folder, storage.disk_reserve_bytes)
-
-
-def _half_restored(folder: Path) -> Iterator[DoctorFinding]:
-    try:
-        refuse_half_restored(folder)
-    except StorageMisconfigured as error:
-        yield bad("data folder", str(error), "wait for its end, or give sawmill restore BACKUP once more")
 
 
 def is_closed(folder: Path) -> bool:

@@ -18,7 +18,6 @@ from sawmill_service.pages.system.system_parts import SEEN
 from sawmill_service.routes.health import Readiness, health_of
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.webhooks.destinations import SETTING
-from sawmill_store.retention.retention_store import RetentionStore
 from sawmill_store.store import Store
 
 _SLOW_S = 0.5
@@ -53,7 +52,13 @@ def database(storage: StorageSettings, settings: ServiceSettings) -> Iterator[Do
                 yield _workers(store)
                 yield _clock(store)
                 yield from webhooks(store.webhooks, settings.webhook_destinations)
-                yield from _retention(store.retention)
+                since = store.retention.get().days_wait_since
+                if since is not None:
+                    sentence = (
+                        f"days were counted last at {since.isoformat(timespec='seconds')}: nothing goes by its age"
+                    )
+                    cure = "check the clock, then confirm the rules on the page /retention"
+                    yield DoctorFinding("retention", State.WATCH, sentence, cure)
     except StorageMisconfigured as error:
         yield bad("database", str(error), _RESTORE if storage.is_one_file else "mend SAWMILL_DATABASE_URL")
     except StorageError as error:
@@ -162,15 +167,6 @@ def _clock(store: Store) -> DoctorFinding:
     if abs(off_s) > TOLERABLE_S:
         return watch("clock", sentence, "set the clock by NTP (timedatectl set-ntp true)")
     return good("clock", sentence)
-
-
-def _retention(retention: RetentionStore) -> Iterator[DoctorFinding]:
-    """Report retention rules that wait for a person."""
-    since = retention.get().days_wait_since
-    if since is not None:
-        sentence = f"days were counted last at {since.isoformat(timespec='seconds')}: nothing goes by its age"
-        cure = "check the clock, then confirm the rules on the page /retention"
-        yield DoctorFinding("retention", State.WATCH, sentence, cure)
 
 
 def webhooks(store: WebhookStore, allowed: list[str]) -> Iterator[DoctorFinding]:

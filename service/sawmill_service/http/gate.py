@@ -116,7 +116,12 @@ class Gate:
         self._check_origin(scope, headers)
         is_open = scope["path"] in self.open_files or no_key(scope) in {NoKey.MONITORING, NoKey.LOGIN}
         caller = ANYBODY if is_open else await self._known(scope, headers)
-        _check_length(scope, headers, limit)
+        # A path without a route is answered without reading the body.
+        declared = headers.get("content-length", "0")
+        if not declared.isdecimal():
+            raise Refused(400, "bad-length", f"Content-Length must be a count of bytes, not {declared[:100]!r}")
+        if int(declared) > limit and scope["method"] in rules_of(scope):
+            raise too_large(limit)
         return caller
 
     async def _known(self, scope: Scope, headers: Headers) -> Caller:
@@ -181,15 +186,6 @@ def _login_before(scope: Scope, headers: Headers) -> str:
         path, query = page.path or "/", page.query
     ended = {"ended": "true"} if of_form or SESSION_COOKIE in headers.get("cookie", "") else {}
     return f"{LOGIN}?{urlencode({'next': path + (f'?{query}' if query else ''), **ended})}"
-
-
-def _check_length(scope: Scope, headers: Headers, limit: int) -> None:
-    """Refuse a body that is too large for a route; a path without a route is answered without reading the body."""
-    declared = headers.get("content-length", "0")
-    if not declared.isdecimal():
-        raise Refused(400, "bad-length", f"Content-Length must be a count of bytes, not {declared[:100]!r}")
-    if int(declared) > limit and scope["method"] in rules_of(scope):
-        raise too_large(limit)
 
 
 def _from_elsewhere(headers: Headers, own_origins: Iterable[str]) -> bool:

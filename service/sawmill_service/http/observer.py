@@ -76,7 +76,8 @@ class Observer:
             if status is not None:
                 raise  # half an answer is sent: only a broken connection shows the error to the client
             status = 500
-            await _internal_error(scope)(scope, receive, send)
+            detail = f"something went wrong inside the service; its log has more under {scope['state']['request_id']}"
+            await problem_response(scope["path"], 500, "internal", detail)(scope, receive, send)
         finally:
             self._tell(scope, status, time.perf_counter() - started, sent_bytes)
 
@@ -114,11 +115,6 @@ def _who_and_what(scope: Scope) -> dict[str, str]:
     return {name: value for name, value in ids.items() if value is not None}
 
 
-def _internal_error(scope: Scope) -> ASGIApp:
-    detail = f"something went wrong inside the service; its log has more under {scope['state']['request_id']}"
-    return problem_response(scope["path"], 500, "internal", detail)
-
-
 HEADER = "X-Request-Id"
 # Ids that a proxy or a client may give: they can neither end nor fill a header or a line of the log.
 _SAFE = re.compile(r"[A-Za-z0-9][A-Za-z0-9._:-]{0,63}")
@@ -139,7 +135,8 @@ class RequestIds:
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
-        with named_request(_client_id(Headers(scope=scope))) as request_id:
+        client_id = Headers(scope=scope).get(HEADER)
+        with named_request(client_id if client_id is not None and _SAFE.fullmatch(client_id) else None) as request_id:
             scope.setdefault("state", {})["request_id"] = request_id
 
             async def send_named(message: Message) -> None:
@@ -164,11 +161,6 @@ def _key_and_job(state: Mapping[str, Any]) -> dict[str, str]:
     """Return the ids of the request's key and of the job that it queued, if there are any."""
     ids = {"X-Key-Id": getattr(state.get("caller"), "key_id", None), "X-Job-Id": state.get("job_id")}
     return {name: value for name, value in ids.items() if value is not None}
-
-
-def _client_id(headers: Headers) -> str | None:
-    client_id = headers.get(HEADER)
-    return client_id if client_id is not None and _SAFE.fullmatch(client_id) else None
 
 
 class Heads:

@@ -1,7 +1,7 @@
 """Routes of all pages; a page with a place in the header is in `navigation` too."""
 
 from sawmill_service import retention
-from sawmill_service.pages import jobs, logs, problem_types, scans
+from sawmill_service.pages import jobs, logs, problem_pages, scans
 from sawmill_service.pages.calibrate import calibrate, report
 from sawmill_service.pages.frame import page_frame
 from sawmill_service.pages.help import help as help_pages
@@ -17,7 +17,7 @@ PAGES = (
     logs.router,
     page_frame.router,
     phantoms.router,
-    problem_types.router,
+    problem_pages.router,
     report.router,
     retention.pages,
     scanner.router,

@@ -113,7 +113,8 @@ async def stream_job(
     started, retry_ms = time.monotonic(), 1000 * settings.retry_after_s
     yield _event("job", now, retry_ms)
     while not now.job.state.ended:
-        await stopping.sleep(_pause_s(time.monotonic() - started, settings.event_poll_s))
+        # A tenth of the wait so far, so that short jobs are reported soon.
+        await stopping.sleep(min(settings.event_poll_s, max(SHORTEST_PAUSE_S, 0.1 * (time.monotonic() - started))))
         if stopping.begun:
             yield _event("closing", now, retry_ms)
             return
@@ -143,11 +144,6 @@ def _read_or_keep(events: TheEvents, jobs: TheJobs, before: JobNow) -> JobNow:
         return _read(events, jobs, before.job.id)
     except StorageUnavailable:
         return before
-
-
-def _pause_s(waited_s: float, longest_s: float) -> float:
-    """Return the time until the job is read again: a tenth of the wait so far, so that short jobs are reported soon."""
-    return min(longest_s, max(SHORTEST_PAUSE_S, 0.1 * waited_s))
 
 
 @router.get("/{job_id}/history", summary="List the attempts at a job", responses=refuses("job-not-found"))

@@ -25,7 +25,6 @@ from sawmill_service.http.document.openapi_document import trying, trying_file
 from sawmill_service.http.problems import Refused
 from sawmill_service.http.repeats import repeatable
 from sawmill_service.http.route_rules import Router
-from sawmill_service.settings import ServiceSettings
 
 router = Router(prefix="/v1/uploads", tags=["uploads"], reading=Scope.READ)
 # Computing the digest of a large file takes as long as reading it; the threads that write files do not wait for that.
@@ -46,7 +45,12 @@ def create_upload(ask: Sent[UploadRequest], uploads: TheUploads, settings: TheSe
     if ask.size_bytes > settings.max_upload_bytes:
         raise UploadTooLarge(settings.max_upload_bytes)
     uploads.check_room_for(ask.size_bytes)
-    upload = uploads.create(ask, _quota(settings))
+    upload = uploads.create(
+        ask,
+        UploadQuota(
+            settings.max_waiting_uploads, settings.max_waiting_upload_bytes, settings.max_all_waiting_upload_bytes
+        ),
+    )
     response.headers["Location"] = f"/v1/uploads/{upload.id}"
     return _with_headers(response, upload)
 
@@ -152,12 +156,6 @@ def _begin(uploads: TheUploads, upload_id: str, announced: AnnouncedPart) -> Upl
         part.close()
         raise
     return part
-
-
-def _quota(settings: ServiceSettings) -> UploadQuota:
-    return UploadQuota(
-        settings.max_waiting_uploads, settings.max_waiting_upload_bytes, settings.max_all_waiting_upload_bytes
-    )
 
 
 def _with_headers(response: Response, upload: Upload) -> Upload:

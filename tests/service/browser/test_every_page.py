@@ -34,8 +34,7 @@ def misfits(page: Page, name: str, width: int, colours: str) -> list[str]:
     """What is wrong with an open page in a window of this width."""
     page.set_viewport_size({"width": width, "height": 844})
     shot(page, f"{name}-{width}-{colours}")
-    found = overflowing(page) + small_targets(page)
-    return [f"{page.url} at {width} px: {each}" for each in found]
+    return [f"{page.url} at {width} px: {each}" for each in (overflowing(page) + small_targets(page))]
 
 
 @pytest.mark.parametrize("look", first_by_day(1, LOOKS), ids=["light", "dark"])

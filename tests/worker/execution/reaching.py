@@ -59,8 +59,7 @@ def tries(output: Path) -> Iterator[tuple[str, Callable[[], object]]]:
 
 def called(name: str, *arguments: int | bytes | None) -> None:
     """Call a function of the C library that returns a negative number where it fails."""
-    library = ctypes.CDLL(None, use_errno=True)
-    if getattr(library, name)(*arguments) < 0:
+    if getattr(ctypes.CDLL(None, use_errno=True), name)(*arguments) < 0:
         raise OSError(ctypes.get_errno(), name)
 
 

@@ -36,12 +36,6 @@ def stack_of_an_l() -> bytes:
     return buffer.getvalue()
 
 
-def picture_of_an_l() -> bytes:
-    buffer = io.BytesIO()
-    Image.fromarray(np.rint(255 * L_SHAPE.rasterise(400, 400.0)).astype(np.uint8)).save(buffer, format="PNG")
-    return buffer.getvalue()
-
-
 @pytest.fixture
 def asked(store):
     """One of each kind, and a reconstruction by every method."""
@@ -50,7 +44,9 @@ def asked(store):
     spec = ScanSpec(scanner_id=scanner, data=DataKind.LINE_INTEGRALS, angles_deg="1.5:3", phantom_id="l-shape")
     scan = store.scans.accept(spec, store.files.receive([stack_of_an_l()], max_bytes=10**7)).id
     picture = PhantomPicture(name="ell", width_mm=400)
-    store.phantoms.accept_picture(picture, store.files.receive([picture_of_an_l()], max_bytes=10**7))
+    buffer = io.BytesIO()
+    Image.fromarray(np.rint(255 * L_SHAPE.rasterise(400, 400.0)).astype(np.uint8)).save(buffer, format="PNG")
+    store.phantoms.accept_picture(picture, store.files.receive([buffer.getvalue()], max_bytes=10**7))
     store.inspections.accept_file(InspectionOptions(), store.files.receive([stack_of_an_l()], max_bytes=10**7))
     calibration = store.calibrations.accept(CalibrationRequest(scan_id=scan, activate=True)).id
     store.plans.accept(PlanRequest(scanner_id=scanner, theta=THETA, views=VIEWS), given={"phantom_id": "l-shape"})

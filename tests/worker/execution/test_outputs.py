@@ -38,8 +38,7 @@ def output(tmp_path):
 
 
 def check(given, output, **changes):
-    result = results.reconstruction_result(**{"shape": SHAPE} | changes)
-    answer = results.answer_of(kinds.RECONSTRUCT, result)
+    answer = results.answer_of(kinds.RECONSTRUCT, results.reconstruction_result(**{"shape": SHAPE} | changes))
     check_file(kinds.RECONSTRUCT, given, answer, output_file(kinds.RECONSTRUCT, output))
 
 

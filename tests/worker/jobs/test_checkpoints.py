@@ -184,8 +184,7 @@ def test_checkpoints_leave_room_for_the_volume(volume, full_disk):
 
 def test_a_full_disk_is_logged_once_and_tried_again_after_the_pause(search, full_disk):
     now, announced = [0.0], []
-    job = replace(search(), announce=announced.extend, monotonic=lambda: now[0])
-    keeper = AttemptKeeper(job, {})
+    keeper = AttemptKeeper(replace(search(), announce=announced.extend, monotonic=lambda: now[0]), {})
 
     def keep_when_due(name):
         now[0] += PAUSE_S

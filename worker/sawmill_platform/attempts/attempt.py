@@ -73,7 +73,11 @@ def _attempt(channel: BinaryIO, work: protocol.Work[Any], settings: ExecutionSet
             )
             # Before logging: a log that cannot be written must not lose the answer.
             channel.write(protocol.to_line(answer.model_copy(update={"peak_memory_bytes": peak_memory_bytes()})))
-            _log(answer, error)
+            log = structlog.get_logger()
+            if error is not None:
+                log.error("job-failed-unexpectedly", exc_info=error)
+            elif isinstance(answer, protocol.Failed):
+                log.info("job-failed", code=answer.failure.code, detail=answer.failure.detail)
 
 
 def _line_from(supervisor: BinaryIO) -> bytes:
@@ -129,14 +133,6 @@ def _with_causes(error: BaseException | None) -> Iterator[BaseException]:
     while error is not None:
         yield error
         error = error.__cause__ or error.__context__
-
-
-def _log(answer: protocol.Succeeded | protocol.Failed, error: Exception | None) -> None:
-    log = structlog.get_logger()
-    if error is not None:
-        log.error("job-failed-unexpectedly", exc_info=error)
-    elif isinstance(answer, protocol.Failed):
-        log.info("job-failed", code=answer.failure.code, detail=answer.failure.detail)
 
 
 def _attempt_at(assignment: protocol.Assignment, work: protocol.Work[Any], channel: BinaryIO) -> protocol.Attempt[Any]:

@@ -93,7 +93,22 @@ class Runner:
             return None
         if not self._spares:
             self.warm_up()
-        return self._run(claim, process)
+        log = structlog.get_logger()
+        with about_attempt(claim.job):
+            log.info("attempt-started")
+            state: JobState | None = None
+            try:
+                try:
+                    with disk_outage_reported("an attempt"):  # at any place; otherwise the job would wait for its lease
+                        state = self._attempt(claim, process)
+                except (StorageFull, StorageUnavailable) as error:
+                    state = self._put_off(claim, failure_of(error, claim.job.kind))
+            except LeaseLost:
+                log.warning("lease-lost")
+            log.info("attempt-ended", state=state)
+        if self._on_ended is not None and state is not None and state.ended:
+            self._on_ended(claim.job_id)
+        return state
 
     def log_put_off(self, error: Exception) -> None:
         """Log why no job was claimed: once, until a job is claimed or the reason changes."""
@@ -153,24 +168,6 @@ class Runner:
     def _keep(self, process: AttemptProcess) -> None:
         with self._lock:
             self._spares.insert(0, process)  # this process is ready, the other ones may not be yet
-
-    def _run(self, claim: Claim, process: AttemptProcess) -> JobState | None:
-        log = structlog.get_logger()
-        with about_attempt(claim.job):
-            log.info("attempt-started")
-            state: JobState | None = None
-            try:
-                try:
-                    with disk_outage_reported("an attempt"):  # at any place; otherwise the job would wait for its lease
-                        state = self._attempt(claim, process)
-                except (StorageFull, StorageUnavailable) as error:
-                    state = self._put_off(claim, failure_of(error, claim.job.kind))
-            except LeaseLost:
-                log.warning("lease-lost")
-            log.info("attempt-ended", state=state)
-        if self._on_ended is not None and state is not None and state.ended:
-            self._on_ended(claim.job_id)
-        return state
 
     def _attempt(self, claim: Claim, process: AttemptProcess) -> JobState:
         output: Path | None = None
@@ -348,7 +345,12 @@ class _Supervision:
         while True:
             for message in self._process.receive(self._settings.progress_s):
                 if isinstance(message, Succeeded | Failed):
-                    return self._checked(message, output)
+                    if isinstance(message, Failed):
+                        return message.model_copy(update={"failure": self._outage_behind(message.failure)})
+                    if self._limits is None:
+                        raise AttemptTalksNonsense("an answer from a process that has not begun")
+                    too_much = self._overuse(output)  # since the last look
+                    return message if too_much is None else Failed(failure=too_much)
                 self._note(message, output)
             if self._process.hung_up:
                 failure = died(self._process.end(self._settings.kill_grace_s), self._claim.job.kind)
@@ -368,15 +370,6 @@ class _Supervision:
             if self._time_to_give_back() or (looking and self._others_wait()):
                 self._process.end(self._settings.kill_grace_s)
                 return self._store.jobs.release(self._claim)
-
-    def _checked(self, answer: Succeeded | Failed, output: Path) -> Succeeded | Failed:
-        """Return the answer, or the reason for which it does not count."""
-        if isinstance(answer, Failed):
-            return answer.model_copy(update={"failure": self._outage_behind(answer.failure)})
-        if self._limits is None:
-            raise AttemptTalksNonsense("an answer from a process that has not begun")
-        too_much = self._overuse(output)  # since the last look
-        return answer if too_much is None else Failed(failure=too_much)
 
     def _note(self, message: AnyMessage, output: Path) -> None:
         if isinstance(message, Begun) and self._limits is None:

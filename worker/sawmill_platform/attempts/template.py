@@ -145,7 +145,15 @@ class ForkedProcess:
         """Wait for the child's end; a child that is not forked yet ends by itself, as its standard input is closed."""
         deadline = None if timeout is None else time.monotonic() + timeout
         if self._code is None and self.pid is None:
-            self._learn_id(0.0 if timeout is None else timeout)
+            entry = self._entry(0.0 if timeout is None else timeout)
+            if entry:
+                self.pid = int(entry)
+                try:
+                    self._end = os.pidfd_open(self.pid)
+                except ProcessLookupError:
+                    self._close(int(self._entry(self._book_timeout_s) or UNKNOWN_END))
+            elif entry is not None:
+                self._close(NOT_FORKED)
         if self._code is None and self.pid is None and timeout is None:
             self._close(NOT_FORKED)
         if self._code is None:
@@ -155,17 +163,6 @@ class ForkedProcess:
             self._close(int(self._entry(self._book_timeout_s) or UNKNOWN_END))
         assert self._code is not None  # noqa: S101
         return self._code
-
-    def _learn_id(self, timeout_s: float) -> None:
-        entry = self._entry(timeout_s)
-        if entry:
-            self.pid = int(entry)
-            try:
-                self._end = os.pidfd_open(self.pid)
-            except ProcessLookupError:
-                self._close(int(self._entry(self._book_timeout_s) or UNKNOWN_END))
-        elif entry is not None:
-            self._close(NOT_FORKED)
 
     def _entry(self, timeout_s: float) -> bytes | None:
         """Return the book's next line; empty if the book has ended, None if no line came in time."""

@@ -13,7 +13,6 @@ from pathlib import Path
 from uuid import uuid4
 
 from sqlalchemy import Connection, delete, inspect, select
-from sqlalchemy.orm import Session
 
 from sawmill_platform.backups.backup import DATA, DATABASE, Backup, Manifest, alone_with, counted
 from sawmill_platform.backups.database_copy import SQLITE_FILE, continue_counting, read_tables
@@ -114,7 +113,15 @@ def _restore(backup: Backup, folder: Path, settings: StorageSettings, on_progres
         ):
             for table in NOT_RESTORED:
                 session.execute(delete(table))
-            _take_jobs_back(session, backup)
+            now = datetime.now(UTC)
+            record_restored(
+                session, now, {"taken_at": backup.manifest.taken_at.isoformat(), "backup": backup.folder.name}
+            )
+            continue_counting(session.connection())
+            # The workers of the jobs that were running do not exist here.
+            for job in session.scalars(select(JobRow).where(JobRow.state == JobState.RUNNING)).all():
+                record(session, now, event_kinds.GIVEN_BACK, job)
+                requeue(job)
             write_identity(session, folder, uuid4().hex)
             # The commit or the renaming of SQLite's file may succeed and then report an error: a retry finds out.
             decided = True
@@ -182,13 +189,3 @@ def _checked(folder: Path, settings: StorageSettings) -> Backup:
         more = f" (and {len(problems) - 1} more: sawmill restore --check names them)" if len(problems) > 1 else ""
         raise Damaged(f"{problems[0]}{more}")
     return backup
-
-
-def _take_jobs_back(session: Session, backup: Backup) -> None:
-    """Queue the jobs that were running, because their workers do not exist here."""
-    now = datetime.now(UTC)
-    record_restored(session, now, {"taken_at": backup.manifest.taken_at.isoformat(), "backup": backup.folder.name})
-    continue_counting(session.connection())
-    for job in session.scalars(select(JobRow).where(JobRow.state == JobState.RUNNING)).all():
-        record(session, now, event_kinds.GIVEN_BACK, job)
-        requeue(job)

@@ -70,7 +70,16 @@ def confine_to(given: AttemptInput, output: Path) -> None:
 
 def _drop_capabilities(needed: Sequence[tuple[Path, int]]) -> None:
     reached = [(path, right) for path, right in needed if os.access(path, right)]
-    _drop_all()
+    # All capabilities of this thread and of threads that it starts are dropped for good.
+    _LIBC.prctl(NO_NEW_PRIVILEGES, 1, 0, 0, 0)
+    # Refused to a thread that has no capability to drop, and for numbers that the kernel does not know.
+    for capability in range(MOST_CAPABILITIES):
+        _LIBC.prctl(DROP_FROM_BOUNDING_SET, capability, 0, 0, 0)
+    _LIBC.prctl(AMBIENT, CLEAR_ALL, 0, 0, 0)
+    # Sets of this thread: effective, permitted and inheritable, each in two halves.
+    if _LIBC.capset(struct.pack("=Ii", CAPABILITIES_VERSION_3, 0), struct.pack("=6I", *[0] * 6)) != 0:
+        number = ctypes.get_errno()
+        raise OSError(number, f"capset: {os.strerror(number)}")
     for path, right in reached:
         if not os.access(path, right):
             raise StorageUnavailable(
@@ -126,16 +135,3 @@ def say_if_unconfined(settings: ExecutionSettings, surroundings: Surroundings) -
             complete_from=landlock.COMPLETE,
             remedy="see docs/understand/security.md#confinement",
         )
-
-
-def _drop_all() -> None:
-    """Drop all capabilities of this thread and of threads that it starts, for good, or raise `OSError`."""
-    _LIBC.prctl(NO_NEW_PRIVILEGES, 1, 0, 0, 0)
-    # Refused to a thread that has no capability to drop, and for numbers that the kernel does not know.
-    for capability in range(MOST_CAPABILITIES):
-        _LIBC.prctl(DROP_FROM_BOUNDING_SET, capability, 0, 0, 0)
-    _LIBC.prctl(AMBIENT, CLEAR_ALL, 0, 0, 0)
-    # Sets of this thread: effective, permitted and inheritable, each in two halves.
-    if _LIBC.capset(struct.pack("=Ii", CAPABILITIES_VERSION_3, 0), struct.pack("=6I", *[0] * 6)) != 0:
-        number = ctypes.get_errno()
-        raise OSError(number, f"capset: {os.strerror(number)}")

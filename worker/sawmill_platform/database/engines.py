@@ -33,7 +33,18 @@ def make_engine(url: str, password_file: Path | None = None) -> Engine:
     """Return an engine whose transactions give up in a few seconds, and whose writes are serialised on SQLite."""
     parsed = _parsed(url)
     if password_file is not None:
-        parsed = _with_password(parsed, password_file)
+        if parsed.drivername not in _POSTGRESQL or parsed.password is not None:
+            raise StorageMisconfigured(
+                "SAWMILL_DATABASE_PASSWORD_FILE goes with a SAWMILL_DATABASE_URL without a password, as in "
+                "postgresql://user@host/database"
+            )
+        try:
+            password = password_file.read_text().rstrip("\n")
+        except (OSError, UnicodeDecodeError) as error:
+            raise StorageMisconfigured(f"SAWMILL_DATABASE_PASSWORD_FILE cannot be read: {error}") from error
+        if not password:
+            raise StorageMisconfigured(f"SAWMILL_DATABASE_PASSWORD_FILE holds no password: {password_file} is empty")
+        parsed = parsed.set(password=password)
     # A statement's values, which include other people's data, are kept out of error messages, and so out of logs.
     options = {"pool_size": _KEPT_CONNECTIONS, "pool_timeout": _POOL_WAIT_S, "hide_parameters": True}
     if parsed.drivername in _POSTGRESQL:
@@ -55,21 +66,6 @@ def _parsed(url: str) -> URL:
             f"SAWMILL_DATABASE_URL must begin with sqlite: or postgresql:, not {parsed.drivername!r}; give {_FORMS}"
         )
     return parsed
-
-
-def _with_password(url: URL, file: Path) -> URL:
-    if url.drivername not in _POSTGRESQL or url.password is not None:
-        raise StorageMisconfigured(
-            "SAWMILL_DATABASE_PASSWORD_FILE goes with a SAWMILL_DATABASE_URL without a password, as in "
-            "postgresql://user@host/database"
-        )
-    try:
-        password = file.read_text().rstrip("\n")
-    except (OSError, UnicodeDecodeError) as error:
-        raise StorageMisconfigured(f"SAWMILL_DATABASE_PASSWORD_FILE cannot be read: {error}") from error
-    if not password:
-        raise StorageMisconfigured(f"SAWMILL_DATABASE_PASSWORD_FILE holds no password: {file} is empty")
-    return url.set(password=password)
 
 
 def _on_postgresql(url: URL, options: dict[str, Any]) -> Engine:

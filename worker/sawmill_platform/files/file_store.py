@@ -250,23 +250,20 @@ class FileStore:
         try:
             shutil.rmtree(path)
         except (RecursionError, PermissionError):  # made by somebody who wanted to prevent the removal
-            self._delete_one_by_one(path)
-
-    def _delete_one_by_one(self, path: Path) -> None:
-        """Delete a folder of any depth, also if folders in it are closed to their owner."""
-        path.chmod(0o700)
-        folders = [path]
-        while folders:
-            folder = folders.pop()
-            with os.scandir(folder) as found:
-                entries = list(found)
-            for entry in entries:
-                if entry.is_dir(follow_symlinks=False):
-                    Path(entry.path).chmod(0o700)
-                    folders.append(Path(entry.path).rename(self.folder / "removed" / uuid4().hex))
-                else:
-                    Path(entry.path).unlink()
-            folder.rmdir()
+            # The folder may have any depth, and folders in it may be closed to their owner.
+            path.chmod(0o700)
+            folders = [path]
+            while folders:
+                folder = folders.pop()
+                with os.scandir(folder) as found:
+                    entries = list(found)
+                for entry in entries:
+                    if entry.is_dir(follow_symlinks=False):
+                        Path(entry.path).chmod(0o700)
+                        folders.append(Path(entry.path).rename(self.folder / "removed" / uuid4().hex))
+                    else:
+                        Path(entry.path).unlink()
+                folder.rmdir()
 
     def room(self) -> Room:
         """Return the space on the data folder's disk, or raise `FolderUnavailable`."""

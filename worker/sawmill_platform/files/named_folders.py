@@ -187,11 +187,15 @@ class Leftovers:
         while remaining > 0 and self._now_s() >= self._rests_until_s:
             batch = next(self._batches, None)
             if batch is None:
-                self._end_look()
+                self._seen, self._seen_again = self._seen_again, {}
+                self._batches = self._look()
+                self._rests_until_s = self._now_s() + 0.25 * self._grace_s
                 break
             place, names = batch
             remaining -= len(names)
-            removed += self._remove(place, self._ripe(place, names))
+            with self._database.read() as session:
+                unknown = set(names) - place.known(session, names)
+            removed += self._remove(place, [name for name in sorted(unknown) if self._stood_still(place.folder / name)])
         return removed
 
     def _look(self) -> Iterator[tuple[_Place, list[str]]]:
@@ -199,16 +203,6 @@ class Leftovers:
             names = place.names()
             while batch := list(islice(names, NAMES_A_ROUND)):
                 yield place, batch
-
-    def _end_look(self) -> None:
-        self._seen, self._seen_again = self._seen_again, {}
-        self._batches = self._look()
-        self._rests_until_s = self._now_s() + 0.25 * self._grace_s
-
-    def _ripe(self, place: _Place, names: Sequence[str]) -> list[str]:
-        with self._database.read() as session:
-            unknown = set(names) - place.known(session, names)
-        return [name for name in sorted(unknown) if self._stood_still(place.folder / name)]
 
     def _stood_still(self, path: Path) -> bool:
         look = _look_of(path)

@@ -93,7 +93,11 @@ class Tallies:
         """Count jobs and attempts."""
         now = self._database.now()
         with self._lock, self._database.read() as session:
-            self._settle(session, now - SETTLED)
+            newer = select(EventRow.number).where(EventRow.number > self.counted_to, EventRow.at <= now - SETTLED)
+            last = session.scalar(newer.order_by(EventRow.number.desc()).limit(1))
+            if last is not None:
+                these = _fates(session, EventRow.number > self.counted_to, EventRow.number <= last)
+                self._settled, self.counted_to = _together(self._settled, these), last
             fates = _together(self._settled, _fates(session, EventRow.number > self.counted_to))
             jobs, queued_s = _jobs(session, now)
             running = session.execute(
@@ -105,13 +109,6 @@ class Tallies:
         for kind, started_at, _ in running:
             running_s[kind] = max(running_s.get(kind, 0.0), _since(started_at, now))
         return Tally(at=now, jobs=jobs, queued_s=queued_s, running_s=running_s, workers=len(workers), fates=fates)
-
-    def _settle(self, session: Session, before: datetime) -> None:
-        newer = select(EventRow.number).where(EventRow.number > self.counted_to, EventRow.at <= before)
-        last = session.scalar(newer.order_by(EventRow.number.desc()).limit(1))
-        if last is not None:
-            these = _fates(session, EventRow.number > self.counted_to, EventRow.number <= last)
-            self._settled, self.counted_to = _together(self._settled, these), last
 
 
 def _jobs(session: Session, now: datetime) -> tuple[Counter[tuple[JobKind, JobState]], dict[JobKind, float]]:

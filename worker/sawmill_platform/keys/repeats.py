@@ -94,7 +94,12 @@ class Repeats:
             The key belongs to another request.
         """
         with self._database.write_as_one() as session:
-            if not self._claim(session, request):
+            # Claim the key if it is new; other requests with it wait for the end of the transaction.
+            now = self._database.now()
+            session.execute(delete(RepeatRow).where(_named(request), _old(now)))
+            insert = insert_on_sqlite if session.get_bind().dialect.name == "sqlite" else insert_on_postgresql
+            claimed = insert(RepeatRow).values(asdict(request) | {"created_at": now}).on_conflict_do_nothing()
+            if session.scalar(claimed.returning(RepeatRow.key)) is None:
                 return read_kept(_row(session, request)).answer_to(request)
             made = make()
             _row(session, request).answer = asdict(kept_as(made))
@@ -114,14 +119,6 @@ class Repeats:
                 return
         with self._database.write() as session:
             session.execute(delete(RepeatRow).where(old))
-
-    def _claim(self, session: Session, request: KeyedRequest) -> bool:
-        """Claim the key and return whether it is new; other requests with it wait for the end of the transaction."""
-        now = self._database.now()
-        session.execute(delete(RepeatRow).where(_named(request), _old(now)))
-        insert = insert_on_sqlite if session.get_bind().dialect.name == "sqlite" else insert_on_postgresql
-        claimed = insert(RepeatRow).values(asdict(request) | {"created_at": now}).on_conflict_do_nothing()
-        return session.scalar(claimed.returning(RepeatRow.key)) is not None
 
 
 def _named(request: KeyedRequest) -> ColumnElement[bool]:

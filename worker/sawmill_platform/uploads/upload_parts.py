@@ -92,7 +92,11 @@ class UploadPart:
                     "upload-too-long",
                     f"more comes than the {self.upload.size_bytes} bytes that upload {self._id!r} was declared with",
                 )
-            self._write(chunk)
+            with self._open(), disk_outage_reported("the upload"):
+                left = memoryview(chunk)
+                while left:
+                    left = left[os.write(self._file, left) :]
+            self._written += len(chunk)
         if self._written - self._flushed >= STEP_BYTES or time.monotonic() - self._flushed_s > _STEP_S:
             check_free(self._path.parent, self._reserve_bytes, needed_by="SAWMILL_DISK_RESERVE_BYTES")
             if commits:
@@ -122,7 +126,14 @@ class UploadPart:
         NotFound
             The upload has been deleted.
         """
-        self._complete(self._sha256())
+        # The file on the disk is read, because several processes may have received its parts; this ends when the part
+        # is closed.
+        computed = hashlib.sha256()
+        for begin in range(0, self.upload.size_bytes, _PIECE_BYTES):
+            with self._open():
+                piece = os.pread(self._file, _PIECE_BYTES, begin)
+            computed.update(piece)
+        self._complete(computed.hexdigest())
 
     def close(self) -> None:
         """Release the file for other writers."""
@@ -144,25 +155,6 @@ class UploadPart:
             if not self._committed:
                 flush(self._path.parent)
         self._flushed, self._flushed_s = self._written, time.monotonic()
-
-    def _write(self, chunk: bytes) -> None:
-        with self._open(), disk_outage_reported("the upload"):
-            left = memoryview(chunk)
-            while left:
-                left = left[os.write(self._file, left) :]
-        self._written += len(chunk)
-
-    def _sha256(self) -> str:
-        """Return the digest of the file on the disk: several processes may have received its parts.
-
-        The computation ends when the part is closed.
-        """
-        computed = hashlib.sha256()
-        for begin in range(0, self.upload.size_bytes, _PIECE_BYTES):
-            with self._open():
-                piece = os.pread(self._file, _PIECE_BYTES, begin)
-            computed.update(piece)
-        return computed.hexdigest()
 
     def _complete(self, sha256: str) -> None:
         if self.upload.sha256 not in {None, sha256}:

@@ -148,7 +148,22 @@ class Outbox:
             if row is None:
                 return False
             now = self._database.now()
-            _enter(session, row, event, attempt, now)
+            mine = DeliveryRow.webhook_id == row.id, DeliveryRow.event_number == event.number
+            entry = session.scalar(select(DeliveryRow).where(*mine))
+            identifier = message_id(row.id, event)
+            if entry is None or entry.message_id != identifier:
+                if entry is not None:  # from a database that was restored
+                    session.delete(entry)
+                    session.flush()
+                entry = DeliveryRow(webhook_id=row.id, event_number=event.number, message_id=identifier)
+                entry.type, entry.first_at, entry.attempts = event.type, now, 0
+                session.add(entry)
+            entry.attempts += 1
+            entry.last_at, entry.status, entry.reason = now, attempt.status, attempt.reason
+            if attempt.reason is None:
+                entry.state = DeliveryState.DELIVERED
+            else:
+                entry.state = DeliveryState.FAILED if attempt.wait_s is None else DeliveryState.RETRYING
             unchanged = row.enabled and row.url == pending.url and row.secret == pending.secrets[0]
             # A user who moved the number back wants the events again, and one who moved it forward wants none of them.
             is_next = row.after < event.number and not read_events(session, row, event.number - 1, 1)
@@ -189,22 +204,3 @@ def _fail(session: Session, row: WebhookRow, attempt: DeliveryAttempt, now: date
     row.enabled, row.paused, row.next_attempt_at = False, True, None
     detail = {"reason": attempt.reason, "failures": row.failures}
     announce(session, now, event_kinds.WEBHOOK_PAUSED, "webhook", row.id, detail=detail)
-
-
-def _enter(session: Session, row: WebhookRow, event: Event, attempt: DeliveryAttempt, now: datetime) -> None:
-    mine = DeliveryRow.webhook_id == row.id, DeliveryRow.event_number == event.number
-    entry = session.scalar(select(DeliveryRow).where(*mine))
-    identifier = message_id(row.id, event)
-    if entry is None or entry.message_id != identifier:
-        if entry is not None:  # from a database that was restored
-            session.delete(entry)
-            session.flush()
-        entry = DeliveryRow(webhook_id=row.id, event_number=event.number, message_id=identifier)
-        entry.type, entry.first_at, entry.attempts = event.type, now, 0
-        session.add(entry)
-    entry.attempts += 1
-    entry.last_at, entry.status, entry.reason = now, attempt.status, attempt.reason
-    if attempt.reason is None:
-        entry.state = DeliveryState.DELIVERED
-    else:
-        entry.state = DeliveryState.FAILED if attempt.wait_s is None else DeliveryState.RETRYING

@@ -184,7 +184,16 @@ class CeleryWorker:
         self._settings = self._settings.model_copy(update={"workers": slots})
         say_if_crowded(self._settings)
         say_if_unconfined(self._settings, Surroundings.here())
-        self._store = self._opened()
+        # Celery handles signals later, and the first process of a container receives no signal that it does not handle.
+        before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+        try:
+            store: JobServiceStore | None = open_store(partial(self._program.open_store, self._storage), self._stop)
+        except (StorageError, OSError) as error:  # Celery would log the error and continue without a store
+            raise SystemExit(f"this worker cannot start: {error}") from error
+        finally:
+            signal.signal(signal.SIGTERM, before)
+        assert store is not None  # noqa: S101 - nothing has set `stop` yet
+        self._store = store
         self._wake = Waker(self._app, self._store.jobs.is_short)
         attempts = self._program.attempts(self._store, self._settings)
         self._runner = Runner(self._store, self._settings, self._stop, attempts=attempts, on_ended=self._wake_waiting)
@@ -195,18 +204,6 @@ class CeleryWorker:
         # Apart from the housekeeping, which continues whatever Redis does.
         sweep = (self._stop, self._store, self._app, self._settings, self._wake)
         threading.Thread(target=sweep_until, args=sweep, name="sweep", daemon=True).start()
-
-    def _opened(self) -> JobServiceStore:
-        # Celery handles signals later, and the first process of a container receives no signal that it does not handle.
-        before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
-        try:
-            store: JobServiceStore | None = open_store(partial(self._program.open_store, self._storage), self._stop)
-        except (StorageError, OSError) as error:  # Celery would log the error and continue without a store
-            raise SystemExit(f"this worker cannot start: {error}") from error
-        finally:
-            signal.signal(signal.SIGTERM, before)
-        assert store is not None  # noqa: S101 - nothing has set `stop` yet
-        return store
 
     def stop_on_signals(self, **_: Any) -> None:  # noqa: ANN401
         """Return jobs to the queue from the first signal on: in a cold shutdown Celery reports it after waiting."""

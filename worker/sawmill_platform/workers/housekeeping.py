@@ -9,7 +9,6 @@ import structlog
 from sawmill_platform.attempts.patience import LeaseObserver
 from sawmill_platform.errors import StorageFull, StorageUnavailable
 from sawmill_platform.job_service_store import JobServiceStore
-from sawmill_platform.jobs.job_store import Pulse
 from sawmill_platform.workers.logs import going_on
 from sawmill_platform.workers.settings import ExecutionSettings, process_name
 
@@ -124,17 +123,14 @@ class Housekeeping:
             if suspect is not None:
                 self._store.jobs.is_silent_still(suspect)
             for pulse in silent:
-                self._take_back(pulse)
+                job = self._store.jobs.take_back(pulse, retries=self._settings.retries)
+                if job is not None:
+                    structlog.get_logger().warning(
+                        "lease-expired", job_id=job.id, attempt=job.attempt, losses=job.losses, state=job.state.value
+                    )
         except (StorageFull, StorageUnavailable):
             self._leases.forget()
             raise
-
-    def _take_back(self, pulse: Pulse) -> None:
-        job = self._store.jobs.take_back(pulse, retries=self._settings.retries)
-        if job is not None:
-            structlog.get_logger().warning(
-                "lease-expired", job_id=job.id, attempt=job.attempt, losses=job.losses, state=job.state.value
-            )
 
     def _compare_clocks(self) -> None:
         """Log once that this machine's clock is off, and again after it was right; no decision uses this clock."""

@@ -179,27 +179,23 @@ def _write_portion(session: Session, chart: DriftChartRow | None, portion: _Port
             about = {"scanner_id": portion.scanner_id, "activation_number": portion.activation_number}
             chart = DriftChartRow(**about, method=portion.method)
             session.add(chart)
-        _write(chart, followed, portion)
+        # A chart that is computed again keeps its finding until waiting checks follow.
+        chart.state = followed.state
+        chart.looks = portion.charted + len(portion.looks)
+        chart.changed_at = portion.looks[-1].at
+        if portion.is_awaited:
+            chart.finding = followed.finding.model_dump(mode="json")
+        if followed.baseline is not None:
+            chart.baseline = followed.baseline.model_dump(mode="json")
+        if followed.alarm is not None and chart.alarm is None:
+            finding, found_at = followed.alarm
+            chart.alarm = {"at": found_at.isoformat(), "finding": finding.model_dump(mode="json")}
 
 
 def _is_waiting(session: Session, portion: _Portion) -> bool:
     """Return whether a drift check still waits for the chart of a portion."""
     waiting = _looks(portion.activation_number, portion.method).where(MeasurementRow.awaits_chart.is_not(None))
     return session.scalar(select(waiting.exists())) is True
-
-
-def _write(chart: DriftChartRow, followed: Followed, portion: _Portion) -> None:
-    """Write the next state of a chart; a chart that is computed again keeps its finding until waiting checks follow."""
-    chart.state = followed.state
-    chart.looks = portion.charted + len(portion.looks)
-    chart.changed_at = portion.looks[-1].at
-    if portion.is_awaited:
-        chart.finding = followed.finding.model_dump(mode="json")
-    if followed.baseline is not None:
-        chart.baseline = followed.baseline.model_dump(mode="json")
-    if followed.alarm is not None and chart.alarm is None:
-        finding, found_at = followed.alarm
-        chart.alarm = {"at": found_at.isoformat(), "finding": finding.model_dump(mode="json")}
 
 
 def _pooled(number: int, mean: DetectorEstimate, looks: int) -> dict[str, Any]:

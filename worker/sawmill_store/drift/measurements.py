@@ -110,7 +110,9 @@ def record_measurement(session: Session, subject: Answered, result: Contract, no
     nothing of a scanner.
     """
     if isinstance(subject, CalibrationRow) and isinstance(result, CalibrationResult):
-        row, why = _of_calibration(subject, result, now), _in_words(result)
+        compared = [] if result.comparison is None else [result.comparison.reason]
+        sentences = [TwoQuestions.of(result, None).rays.sentence(), *result.reasons, *compared]
+        row, why = _of_calibration(subject, result, now), "; ".join(each.rstrip(".") for each in sentences)
     elif isinstance(subject, DriftRow) and isinstance(result, DriftResult):
         if result.at is None:
             result = result.ended(now)
@@ -120,13 +122,6 @@ def record_measurement(session: Session, subject: Answered, result: Contract, no
         return None
     session.add(row)
     return why
-
-
-def _in_words(result: CalibrationResult) -> str:
-    """Describe a calibration: its rays, the reasons against it, and the changes since the active calibration."""
-    compared = [] if result.comparison is None else [result.comparison.reason]
-    sentences = [TwoQuestions.of(result, None).rays.sentence(), *result.reasons, *compared]
-    return "; ".join(each.rstrip(".") for each in sentences)
 
 
 def _of_calibration(row: CalibrationRow, result: CalibrationResult, now: datetime) -> MeasurementRow:

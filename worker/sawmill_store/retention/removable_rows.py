@@ -100,17 +100,22 @@ def _last_old_event(session: Session, aged: datetime) -> int:
     return low if low >= first else 0
 
 
-def _calibrations_in_use(session: Session) -> set[str]:
-    """Read each scanner's active calibration and the calibration that was active before."""
+def _of_scans(session: Session) -> Iterator[ColumnElement[bool]]:
+    # The scans that a job reads or will read, by jobs, of which few have not ended.
+    read = [select(JobRow.subject_id.label("scan_id")).where(_UNFINISHED, JobRow.kind == kinds.INGEST)]
+    for table in {table_of(declared.kind): None for declared in asked_kinds()}:
+        if "scan_id" in table.own_columns():
+            scan_id = table.__table__.c.scan_id
+            about = select(scan_id).join(JobRow, JobRow.id == table.job_id)
+            read.append(about.where(_UNFINISHED, scan_id.is_not(None)))
+    yield ScanRow.id.in_(select(union_all(*read).subquery().c.scan_id))
+    # Each scanner's active calibration and the calibration that was active before.
     active = active_calibration(ScannerRow.id).correlate(ScannerRow)
     before = active.where(ActivationRow.calibration_id != active.scalar_subquery())
     rows = session.execute(select(active.scalar_subquery(), before.scalar_subquery()).select_from(ScannerRow))
-    return {identifier for row in rows for identifier in row if identifier is not None}
-
-
-def _of_scans(session: Session) -> Iterator[ColumnElement[bool]]:
-    yield ScanRow.id.in_(_scans_of_unfinished_jobs())
-    in_use = select(CalibrationRow.scan_id).where(CalibrationRow.id.in_(_calibrations_in_use(session)))
+    in_use = select(CalibrationRow.scan_id).where(
+        CalibrationRow.id.in_({identifier for row in rows for identifier in row if identifier is not None})
+    )
     kept_ids: set[str | None] = {*session.scalars(in_use), *_newest(session, _newest_log())}
     kept_ids |= _newest_phantom_scans(session)
     kept_ids |= {next_log(session, scanner_id) for scanner_id in _scanners_that_check_drift(session)}
@@ -148,17 +153,6 @@ def _of_events(session: Session) -> Iterator[ColumnElement[bool]]:
 
 def _unfinished(table: type[Answered], kind: JobKind) -> ColumnElement[bool]:
     return table.job_id.in_(select(JobRow.id).where(_UNFINISHED, JobRow.kind == kind))
-
-
-def _scans_of_unfinished_jobs() -> Select[str]:
-    """Select the scans that a job reads or will read, by jobs, of which few have not ended."""
-    read = [select(JobRow.subject_id.label("scan_id")).where(_UNFINISHED, JobRow.kind == kinds.INGEST)]
-    for table in {table_of(declared.kind): None for declared in asked_kinds()}:
-        if "scan_id" in table.own_columns():
-            scan_id = table.__table__.c.scan_id
-            about = select(scan_id).join(JobRow, JobRow.id == table.job_id)
-            read.append(about.where(_UNFINISHED, scan_id.is_not(None)))
-    return select(union_all(*read).subquery().c.scan_id)
 
 
 def _newest(session: Session, of_scanner: Select[Found]) -> set[Found]:

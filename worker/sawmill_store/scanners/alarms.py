@@ -1,13 +1,13 @@
 """Alarms by the rules of `sawmill_mill.alarms`. A row is an open alarm: written when it opens, removed when it ends."""
 
 from collections import defaultdict
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator
 from datetime import datetime, timedelta
 from typing import Any
 
 import structlog
 from pydantic import TypeAdapter, ValidationError
-from sqlalchemy import ColumnElement, RowMapping, ScalarSelect, Select, delete, func, select
+from sqlalchemy import ColumnElement, ScalarSelect, Select, delete, func, select
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from sawmill_contracts import kinds, mill_events
@@ -171,11 +171,30 @@ def _changes(session: Session, now: datetime, scanner_id: str | None = None) -> 
     opened = defaultdict[str, dict[AlarmKind, Alarm]](dict)
     for alarm in _opened(session, scanner_id):
         opened[alarm.scanner_id][alarm.kind] = alarm
-    chart_alarms, known = _chart_alarms(session, scanner_id), _known_reds(session, now)
+    # By scanner what the charts since its active calibration have found.
+    columns = DriftChartRow.scanner_id, DriftChartRow.activation_number, DriftChartRow.alarm
+    statement = select(*columns).where(DriftChartRow.alarm.is_not(None))
+    if scanner_id is not None:
+        statement = statement.where(DriftChartRow.scanner_id == scanner_id)
+    chart_alarms = defaultdict[str, list[Any]](list)
+    for chart in session.execute(statement):
+        active = active_since(session, chart.scanner_id)
+        if active is not None and active.number == chart.activation_number:
+            chart_alarms[chart.scanner_id].append(chart.alarm)
+    known = _known_reds(session, now)
     for row in session.execute(_of_scanners(scanner_id)).mappings():
         try:
             notice = known.get(row["scanner_id"])
-            facts = _facts(row, chart_alarms[row["scanner_id"]], None if notice is None else notice.until)
+            measurements = _MEASUREMENTS.validate_python(row["measurements"] or [])
+            read = {
+                "limits": AlarmLimits.model_validate(row["spec"].get("alarms", {})),
+                "expiry_days": tuple(each.expires_on for each in measurements if each.expires_on is not None),
+                "chart_alarms": _CHART_ALARMS.validate_python(chart_alarms[row["scanner_id"]]),
+                "known_until": None if notice is None else notice.until,
+            }
+            facts = ScannerFacts(
+                **{name: value for name, value in row.items() if name not in {"spec", "measurements"}} | read
+            )
         except ValidationError as error:
             structlog.get_logger().error("alarms-unreadable", scanner_id=row["scanner_id"], reason=str(error))
             continue
@@ -191,6 +210,9 @@ def _opened(session: Session, scanner_id: str | None) -> list[Alarm]:
 
 def _of_scanners(scanner_id: str | None) -> Select[Any]:
     """Select the facts of scanners; events and jobs keep the times of deleted scans."""
+    # The newest calibrated scan: its calibration and the job that read the scan outlast it.
+    read = select(func.max(JobRow.created_at)).join(CalibrationRow, CalibrationRow.scan_id == JobRow.subject_id)
+    mine = read.where(CalibrationRow.scanner_id == ScannerRow.id, JobRow.kind == kinds.INGEST)
     statement = (
         select(
             ScannerRow.id.label("scanner_id"),
@@ -199,7 +221,7 @@ def _of_scanners(scanner_id: str | None) -> Select[Any]:
             _newest(ScanRow.created_at).label("scan_stored_at"),
             newest_accepted(EventRow.at).correlate(ScannerRow).scalar_subquery().label("scan_accepted_at"),
             _newest(ScanRow.created_at, *_READY).label("phantom_ready_at"),
-            _newest_calibrated().label("phantom_calibrated_at"),
+            mine.correlate(ScannerRow).scalar_subquery().label("phantom_calibrated_at"),
             _newest(ScanRow.created_at, *_COMING).label("phantom_coming_at"),
             PhantomRow.id.label("phantom_id"),
             PhantomRow.drawing["measurements"].label("measurements"),
@@ -208,31 +230,6 @@ def _of_scanners(scanner_id: str | None) -> Select[Any]:
         .outerjoin(PhantomRow, PhantomRow.id == _newest(ScanRow.phantom_id, *_READY))
     )
     return statement if scanner_id is None else statement.where(ScannerRow.id == scanner_id)
-
-
-def _facts(row: RowMapping, chart_alarms: Sequence[Any], known_until: datetime | None) -> ScannerFacts:
-    measurements = _MEASUREMENTS.validate_python(row["measurements"] or [])
-    read = {
-        "limits": AlarmLimits.model_validate(row["spec"].get("alarms", {})),
-        "expiry_days": tuple(each.expires_on for each in measurements if each.expires_on is not None),
-        "chart_alarms": _CHART_ALARMS.validate_python(chart_alarms),
-        "known_until": known_until,
-    }
-    return ScannerFacts(**{name: value for name, value in row.items() if name not in {"spec", "measurements"}} | read)
-
-
-def _chart_alarms(session: Session, scanner_id: str | None) -> dict[str, list[Any]]:
-    """Read by scanner what the charts since its active calibration have found."""
-    columns = DriftChartRow.scanner_id, DriftChartRow.activation_number, DriftChartRow.alarm
-    statement = select(*columns).where(DriftChartRow.alarm.is_not(None))
-    if scanner_id is not None:
-        statement = statement.where(DriftChartRow.scanner_id == scanner_id)
-    alarms = defaultdict[str, list[Any]](list)
-    for chart in session.execute(statement):
-        active = active_since(session, chart.scanner_id)
-        if active is not None and active.number == chart.activation_number:
-            alarms[chart.scanner_id].append(chart.alarm)
-    return alarms
 
 
 def _newest(column: InstrumentedAttribute[Any], *conditions: ColumnElement[bool]) -> ScalarSelect[Any]:
@@ -248,10 +245,3 @@ def newest_accepted(column: InstrumentedAttribute[Any]) -> Select[Any]:
     """
     came = EventRow.group_id == ScannerRow.id, EventRow.type == event_kinds.QUEUED, EventRow.subject == "scan"
     return select(column).where(*came).order_by(EventRow.number.desc()).limit(1)
-
-
-def _newest_calibrated() -> ScalarSelect[Any]:
-    """Select the time of the newest calibrated scan: its calibration and the job that read the scan outlast it."""
-    read = select(func.max(JobRow.created_at)).join(CalibrationRow, CalibrationRow.scan_id == JobRow.subject_id)
-    mine = read.where(CalibrationRow.scanner_id == ScannerRow.id, JobRow.kind == kinds.INGEST)
-    return mine.correlate(ScannerRow).scalar_subquery()

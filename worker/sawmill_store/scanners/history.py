@@ -66,7 +66,10 @@ class Histories:
         """
         statement = _entries(scanner_id, kind, since, until)
         if after is not None:
-            statement = statement.where(tuple_(*_place(after)) > _PLACE)
+            moment, number = parse_cursor(after)
+            if not number.isdecimal() or int(number) > LARGEST_NUMBER:
+                raise Invalid("invalid-cursor", f"after must be the next of an earlier page, not {after!r}")
+            statement = statement.where(tuple_(moment, int(number)) > _PLACE)
         newest_first = statement.order_by(EventRow.at.desc(), EventRow.number.desc()).limit(limit + 1)
         with self._database.read() as session:
             found(session, ScannerRow, "scanner", scanner_id)
@@ -119,13 +122,6 @@ class Histories:
 
 # Both columns are compared as one row value, so that an index by time finds the start of a page.
 _PLACE = tuple_(EventRow.at, EventRow.number)
-
-
-def _place(cursor: str) -> _Place:
-    moment, number = parse_cursor(cursor)
-    if not number.isdecimal() or int(number) > LARGEST_NUMBER:
-        raise Invalid("invalid-cursor", f"after must be the next of an earlier page, not {cursor!r}")
-    return moment, int(number)
 
 
 def _events(scanner_id: str) -> Select[EventRow]:

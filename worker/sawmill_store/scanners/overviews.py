@@ -48,17 +48,25 @@ class Overviews:
 
     def read(self, *, scanner_id: str | None = None, limit: int = 200) -> list[Overview]:
         """Return the overviews of the newest scanners, or of one scanner."""
+        since = discards(func.max(EventRow.at), ScannerRow.id).where(EventRow.at >= _accepted_at())
+        ended = select(DriftRow.id).join(JobRow, JobRow.id == DriftRow.job_id).where(JobRow.state.in_(_WITH_A_FATE))
+        # Failed or uncertain checks are left out.
+        of_active = select(DriftRow.id).where(DriftRow.calibration_id == _active_calibration())
+        saw = of_active.where(DriftRow.result["within_tolerance"].as_boolean().is_not(None))
+        newest = aliased(CalibrationRow)
         statement = select(
             ScannerRow,
             _active_calibration().label("active_id"),
             _undecided(*_WITH_A_FATE).label("ended_id"),
             func.coalesce(_undecided(JobState.SUCCEEDED), _active_calibration()).label("succeeded_id"),
             _undecided(JobState.SUCCEEDED, only_red=True).label("red_id"),
-            _newest_check().label("drift_id"),
-            _newest_that_saw().label("seen_id"),
+            _of_scanner(ended, DriftRow, DriftRow.created_at).label("drift_id"),
+            _of_scanner(saw, DriftRow, DriftRow.created_at).label("seen_id"),
             _of_scanner(select(ScanRow.id), ScanRow, ScanRow.created_at).label("scan_id"),
-            _state_of_newest_calibration().label("state"),
-            _last_discarded_at().label("discarded_at"),
+            _of_scanner(select(JobRow.state).join(newest, newest.job_id == JobRow.id), newest, newest.created_at).label(
+                "state"
+            ),
+            since.correlate(ScannerRow).scalar_subquery().label("discarded_at"),
         )
         newest_first = statement.order_by(ScannerRow.created_at.desc(), ScannerRow.id.desc()).limit(limit)
         if scanner_id is not None:
@@ -97,28 +105,6 @@ def _undecided(*states: JobState, only_red: bool = False) -> ScalarSelect[Any]:
         measured = MeasurementRow.subject_id == CalibrationRow.id
         undecided = undecided.join(MeasurementRow, measured).where(or_(fails, moved))
     return _of_scanner(undecided, CalibrationRow, CalibrationRow.created_at)
-
-
-def _last_discarded_at() -> ScalarSelect[Any]:
-    since = discards(func.max(EventRow.at), ScannerRow.id).where(EventRow.at >= _accepted_at())
-    return since.correlate(ScannerRow).scalar_subquery()
-
-
-def _newest_that_saw() -> ScalarSelect[Any]:
-    """Select the newest check against the active calibration that decided; failed or uncertain ones are left out."""
-    of_active = select(DriftRow.id).where(DriftRow.calibration_id == _active_calibration())
-    saw = of_active.where(DriftRow.result["within_tolerance"].as_boolean().is_not(None))
-    return _of_scanner(saw, DriftRow, DriftRow.created_at)
-
-
-def _newest_check() -> ScalarSelect[Any]:
-    ended = select(DriftRow.id).join(JobRow, JobRow.id == DriftRow.job_id).where(JobRow.state.in_(_WITH_A_FATE))
-    return _of_scanner(ended, DriftRow, DriftRow.created_at)
-
-
-def _state_of_newest_calibration() -> ScalarSelect[Any]:
-    newest = aliased(CalibrationRow)
-    return _of_scanner(select(JobRow.state).join(newest, newest.job_id == JobRow.id), newest, newest.created_at)
 
 
 def _of_scanner(statement: Select[Any], table: Any, order: Any) -> ScalarSelect[Any]:  # noqa: ANN401 - aliases too

@@ -182,7 +182,11 @@ class Schedules:
             if not _moved_on(session, row, now):
                 return None
             due_at = latest_due(row.cron, row.time_zone, now)
-            if _ran_already(session, schedule_id, due_at):
+            # The run exists after an edit, or when the clock was set back.
+            statement = select(ScheduleRunRow.number).where(
+                ScheduleRunRow.schedule_id == schedule_id, ScheduleRunRow.due_at == due_at
+            )
+            if session.scalar(statement) is not None:
                 return None
             run = ScheduleRun(due_at=due_at, **queue_due(session, self._calibrations, self._drifts, row, now)._asdict())
             session.add(ScheduleRunRow(schedule_id=schedule_id, **run.model_dump()))
@@ -253,14 +257,6 @@ def _moved_on(session: Session, row: ScheduleRow, now: datetime) -> bool:
     return moved is not None
 
 
-def _ran_already(session: Session, schedule_id: str, due_at: datetime) -> bool:
-    # The run exists after an edit, or when the clock was set back.
-    statement = select(ScheduleRunRow.number).where(
-        ScheduleRunRow.schedule_id == schedule_id, ScheduleRunRow.due_at == due_at
-    )
-    return session.scalar(statement) is not None
-
-
 def _runs(session: Session, schedule_id: str, limit: int) -> list[ScheduleRun]:
     rows = session.scalars(
         select(ScheduleRunRow)
@@ -298,7 +294,15 @@ def queue_due(
 ) -> Outcome:
     """Queue the calibration or the drift check of a schedule, if there is a scan for it."""
     if row.kind == "check-drift":
-        return _check_drift(session, drifts, row, now)
+        if active_calibration_id(session, row.scanner_id) is None:
+            return Outcome("no-active-calibration")
+        scan_id = next_log(session, row.scanner_id)
+        if scan_id is None:
+            return Outcome("no-new-log-scan")
+        # A scan that was uploaded as a mean has no rows to choose from.
+        is_mean = found(session, ScanRow, "scan", scan_id).spec.get("averaged_rows") is not None
+        ask = DriftRequest(scan_id=scan_id, **row.drift_options | ({"rows": None} if is_mean else {}))
+        return Outcome("queued", drift_id=drifts.queue(session, ask, now, priority=Priority.BATCH).id)
     return _recalibrate(session, calibrations, row, now)
 
 
@@ -354,16 +358,3 @@ def _recalibrate(
     ask = CalibrationRequest.model_validate({**row.options, "scan_id": scan_id, "activate": row.on_pass == "activate"})  # noqa: S105 - no password
     queued = calibrations.queue(session, ask, now, given={"schedule_id": row.id}, priority=Priority.BATCH)
     return Outcome("queued", calibration_id=queued.id)
-
-
-def _check_drift(session: Session, drifts: Asked[DriftRequest, Any], row: ScheduleRow, now: datetime) -> Outcome:
-    """Queue a drift check of the log scan that the rule chooses."""
-    if active_calibration_id(session, row.scanner_id) is None:
-        return Outcome("no-active-calibration")
-    scan_id = next_log(session, row.scanner_id)
-    if scan_id is None:
-        return Outcome("no-new-log-scan")
-    # A scan that was uploaded as a mean has no rows to choose from.
-    is_mean = found(session, ScanRow, "scan", scan_id).spec.get("averaged_rows") is not None
-    ask = DriftRequest(scan_id=scan_id, **row.drift_options | ({"rows": None} if is_mean else {}))
-    return Outcome("queued", drift_id=drifts.queue(session, ask, now, priority=Priority.BATCH).id)

@@ -100,7 +100,18 @@ def _record_success(session: Session, kind: JobKind, subject_id: str, result: Co
         row.result = stored
         why, step, activated = record_measurement(session, row, result, now), None, False
         if isinstance(row, CalibrationRow) and isinstance(result, CalibrationResult):
-            activated = _activate_on_pass(session, row, result, now)
+            # A calibration may have been asked to activate itself.
+            reason = activation_reason(
+                wanted=row.activate,
+                schedule_id=row.schedule_id,
+                rays_verdict=result.verdict_on_rays,
+                has_moved=result.comparison is not None and not result.comparison.within_tolerance,
+            )
+            if reason is not None:
+                job = row.job
+                with acting_as(Actor(job.asked_by or THE_SERVICE.name, job.key_id, request_id=job.request_id)):
+                    activate(session, row.scanner_id, row.id, reason, now)
+            activated = reason is not None
             step = step_alone(result, active=activated)
         elif isinstance(result, DriftResult):
             step = step_of_check(result)
@@ -135,21 +146,6 @@ def _read_apart(path: Path) -> None:
         read_apart(path)
     except UnreadableScan as error:
         raise DamagedResult(path.name, str(error)) from error
-
-
-def _activate_on_pass(session: Session, calibration: CalibrationRow, result: CalibrationResult, now: datetime) -> bool:
-    """Activate a calibration that was asked to activate itself; return whether it was."""
-    reason = activation_reason(
-        wanted=calibration.activate,
-        schedule_id=calibration.schedule_id,
-        rays_verdict=result.verdict_on_rays,
-        has_moved=result.comparison is not None and not result.comparison.within_tolerance,
-    )
-    if reason is not None:
-        job = calibration.job
-        with acting_as(Actor(job.asked_by or THE_SERVICE.name, job.key_id, request_id=job.request_id)):
-            activate(session, calibration.scanner_id, calibration.id, reason, now)
-    return reason is not None
 
 
 MILL_SUBJECTS = Subjects(

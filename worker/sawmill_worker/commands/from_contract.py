@@ -46,7 +46,9 @@ def field_names(model: ContractType) -> list[str]:
 def option(model: ContractType, name: str, *, flag: str | None = None, **changes: Any) -> OptionInfo:  # noqa: ANN401 - Typer's
     """Create the flag of a contract's field: its description, and its bounds, which the contract itself checks."""
     field = model.__pydantic_fields__[name]
-    low, high = _shown_bounds(model, name)
+    # Typer's help has no exclusive bounds.
+    bounds = FieldBounds.of(model, name)
+    low, high = (bounds.low, bounds.high) if bounds.low_itself and bounds.high_itself else (None, None)
     settings: dict[str, Any] = {
         "help": field.description or "",
         "min": low,
@@ -203,12 +205,6 @@ class FieldBounds:
         low = "" if self.low is None else f"{'at least' if self.low_itself else 'above'} {self.low:.10g}"
         high = "" if self.high is None else f"{'at most' if self.high_itself else 'below'} {self.high:.10g}"
         return " and ".join(filter(None, (low, high)))
-
-
-def _shown_bounds(model: ContractType, name: str) -> tuple[float | None, float | None]:
-    """Return the least and the largest value for Typer's help, which has no exclusive bounds."""
-    bounds = FieldBounds.of(model, name)
-    return (bounds.low, bounds.high) if bounds.low_itself and bounds.high_itself else (None, None)
 
 
 @cache

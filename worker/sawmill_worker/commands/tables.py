@@ -156,7 +156,17 @@ def print_inspection(result: InspectionResult) -> None:
     console = Console()
     console.print(f"{what}: [bold {colour}]{word}[/]", highlight=False, soft_wrap=True)
     if result.parts:
-        console.print(_parts_table(result.parts[:MOST_ROWS]))
+        table = Table(box=box.SIMPLE, padding=(0, 1, 0, 0))
+        for column in ("in the file", "what"):
+            table.add_column(column, overflow="fold")
+        table.add_column("stored", justify="right", no_wrap=True)
+        table.add_column("filters")
+        names: set[str] = set()
+        for part in result.parts[:MOST_ROWS]:
+            stored = "" if part.stored_bytes is None else _size(part.stored_bytes)
+            table.add_row(*map(escape, (_indented(part.name, names), _what(part), stored, part.compression or "")))
+            names.add(part.name)
+        console.print(table)
     if result.reading is not None:
         console.print(_reading_table(result.reading))
     for sentence in _sentences(result):
@@ -197,20 +207,6 @@ def _sentences(result: InspectionResult) -> Iterator[str]:
         yield f"{result.refusal.code}: {result.refusal.detail}"
 
 
-def _parts_table(parts: list[FilePart]) -> Table:
-    table = Table(box=box.SIMPLE, padding=(0, 1, 0, 0))
-    for column in ("in the file", "what"):
-        table.add_column(column, overflow="fold")
-    table.add_column("stored", justify="right", no_wrap=True)
-    table.add_column("filters")
-    names: set[str] = set()
-    for part in parts:
-        stored = "" if part.stored_bytes is None else _size(part.stored_bytes)
-        table.add_row(*map(escape, (_indented(part.name, names), _what(part), stored, part.compression or "")))
-        names.add(part.name)
-    return table
-
-
 def _indented(name: str, before: set[str]) -> str:
     """Indent a name below its group or struct, if the group or struct is shown."""
     group, slash, last = name.rpartition("/")
@@ -234,6 +230,8 @@ def _reading_table(reading: InspectedReading) -> Table:
     shape, angles = reading.shape, reading.angles
     turn = "" if angles is None else f"{angles.first_deg:.7g} to {angles.last_deg:.7g} degrees"
     origin = "" if angles is None else f", from the file in {angles.file_unit}" if angles.from_file else ", as given"
+    cells = ", ".join(str(module.first_cell) for module in reading.detector_modules)
+    more = f" and {len(reading.other_files) - MOST_FILES} more" if len(reading.other_files) > MOST_FILES else ""
     rows = {
         "numbers": "not known" if reading.data is None else f"{reading.data.value}, as given",
         "projections": f"{shape.views} views x {shape.rows} rows x {shape.detector} cells",
@@ -241,24 +239,14 @@ def _reading_table(reading: InspectedReading) -> Table:
         "dark fields": "none" if reading.darks is None else str(reading.darks),
         "angles": "none" if angles is None else turn + origin,
         "detector pitch": "none" if reading.detector_pitch_mm is None else f"{reading.detector_pitch_mm:.9g} mm",
-        "modules": _modules(reading),
+        "modules": f"{len(reading.detector_modules) + 1}, which meet at cell {cells}" if cells else None,
         "row pitch": "none" if reading.row_pitch_mm is None else f"{reading.row_pitch_mm:.9g} mm",
-        "other files": _some(reading.other_files),
+        "other files": f"{', '.join(reading.other_files[:MOST_FILES])}{more}" if reading.other_files else None,
     }
     for label, value in rows.items():
         if value is not None:
             table.add_row(label, escape(value))
     return table
-
-
-def _modules(reading: InspectedReading) -> str | None:
-    cells = ", ".join(str(module.first_cell) for module in reading.detector_modules)
-    return f"{len(reading.detector_modules) + 1}, which meet at cell {cells}" if cells else None
-
-
-def _some(files: list[str]) -> str | None:
-    more = f" and {len(files) - MOST_FILES} more" if len(files) > MOST_FILES else ""
-    return f"{', '.join(files[:MOST_FILES])}{more}" if files else None
 
 
 def _size(number: int) -> str:

@@ -122,7 +122,12 @@ class AttemptKeeper:
                 folder.mkdir(exist_ok=True)
                 write_checkpoint(folder / name, {**self._origin, "made_with": made_with}, arrays)
         except (StorageFull, FolderUnavailable) as error:
-            self._leave_out(name, error)
+            with self._lock:
+                if not self._left_out:
+                    self._log.warning("checkpoint-left-out", name=name, reason=str(error))
+                self._left_out = True
+                if self.is_due:
+                    self._announce()
             return
         with self._lock:
             self._left_out = False
@@ -136,14 +141,6 @@ class AttemptKeeper:
             self._attempt.announce(names)
         self._begun, self._pause_began_at = True, self._attempt.monotonic()
         self._pause_s = min(max(2.0 * self._pause_s, SECOND_PAUSE_AGAIN_S), PAUSE_S)
-
-    def _leave_out(self, name: str, error: StorageFull | FolderUnavailable) -> None:
-        with self._lock:
-            if not self._left_out:
-                self._log.warning("checkpoint-left-out", name=name, reason=str(error))
-            self._left_out = True
-            if self.is_due:
-                self._announce()
 
     def kept(self, name: str, made_with: MadeWith | None = None) -> Arrays | None:
         """Return what an earlier attempt wrote; an unusable checkpoint is skipped, with a line in the log."""

@@ -128,7 +128,13 @@ class Gunzip:
                 piece = self._member.decompress(part, _PIECE_BYTES)
             except zlib.error as error:
                 raise Refused(400, "bad-encoding", f"the body is not what gzip packed: {error}") from error
-            self._count(len(piece))
+            self._given += len(piece)
+            if self._given > _FREE_BYTES + _MOST_RATIO * self._taken:
+                raise Refused(
+                    413,
+                    "packed-too-well",
+                    f"the body unpacks to more than {_MOST_RATIO} times its length: send the file as it is",
+                )
             if piece:
                 yield piece
             part = self._member.unused_data if self._member.eof else self._member.unconsumed_tail
@@ -148,15 +154,6 @@ class Gunzip:
         if self._members > _FREE_MEMBERS + self._taken // _LEAST_MEMBER_BYTES:
             detail = f"the body is packed in {self._members} members, each of less than {_LEAST_MEMBER_BYTES} bytes"
             raise Refused(400, "bad-encoding", f"{detail}: pack the file at once")
-
-    def _count(self, size: int) -> None:
-        self._given += size
-        if self._given > _FREE_BYTES + _MOST_RATIO * self._taken:
-            raise Refused(
-                413,
-                "packed-too-well",
-                f"the body unpacks to more than {_MOST_RATIO} times its length: send the file as it is",
-            )
 
 
 def empty_body() -> Refused:

@@ -77,17 +77,13 @@ def _by_shape(method: str, rule: Rule, operation: dict[str, Any]) -> Iterable[st
     yield from _REPEATABLE if "Idempotency-Key" in named else ()
 
 
-def _status_of(code: str) -> int:
-    status = problem_types()[code].status
-    if status is None:
-        raise KeyError(f"{code} is a failure of jobs, and no answer's")
-    return status
-
-
 def _by_status(codes: Iterable[str]) -> dict[int, set[str]]:
     by_status: dict[int, set[str]] = {}
     for code in codes:
-        by_status.setdefault(_status_of(code), set()).add(code)
+        status = problem_types()[code].status
+        if status is None:
+            raise KeyError(f"{code} is a failure of jobs, and no answer's")
+        by_status.setdefault(status, set()).add(code)
     return by_status
 
 
@@ -222,13 +218,11 @@ def describe_answers(operation: dict[str, Any]) -> None:
                 media["schema"] = BINARY
         own = response.get("headers", {})
         named = {*own, *_BY_STATUS.get(status, ()), "X-Request-Id"}
-        response["headers"] = {name: own.get(name) or _reference(name) for name in sorted(named)}
+        response["headers"] = {
+            name: own.get(name) or {"$ref": f"#/components/headers/{name}"} for name in sorted(named)
+        }
 
 
 def _named(*headers: str) -> dict[str, Any]:
     """Return headers whose descriptions are added later."""
     return {name: {} for name in headers}
-
-
-def _reference(name: str) -> dict[str, str]:
-    return {"$ref": f"#/components/headers/{name}"}

@@ -109,7 +109,14 @@ def _finish(document: dict[str, Any], rules: RouteRules) -> dict[str, Any]:
         schemas.pop(generated, None)
     problem = Problem.model_json_schema(ref_template="#/components/schemas/{model}")
     schemas |= problem.pop("$defs") | {problem["title"]: problem}
-    _name_by_title(document, schemas)
+    # Each schema is named by its title: pydantic calls a page of scans `Page_Scan_`; a named literal has no title.
+    names = {name: schema.setdefault("title", name) for name, schema in schemas.items()}
+    if len(set(names.values())) < len(names):
+        raise ValueError(f"two schemas have one title: {sorted(names.items(), key=lambda pair: pair[1])}")
+    for name, title in names.items():
+        schemas[title] = schemas.pop(name)
+    refer = {f"#/components/schemas/{name}": f"#/components/schemas/{title}" for name, title in names.items()}
+    _replace_references(document, refer)
     components["headers"] = HEADERS
     components["securitySchemes"] = SECURITY_SCHEMES
     for _, _, message in _operations(document, "webhooks"):
@@ -123,7 +130,9 @@ def _finish(document: dict[str, Any], rules: RouteRules) -> dict[str, Any]:
         _drop_generated_refusal(operation["responses"])
         list_refusals(method.upper(), rule, operation)
         describe_answers(operation)
-        _describe_parameters(operation)
+        # A parameter is left out and never null.
+        for parameter in operation.get("parameters", []):
+            parameter["schema"] = _not_null(parameter["schema"])
         _give_examples(operation, operation.pop(TRY, {}))
     upload = document["paths"]["/v1/uploads/{upload_id}"]
     upload["head"] = _without_bodies(upload["get"]) | {
@@ -143,17 +152,6 @@ def _without_bodies(operation: dict[str, Any]) -> dict[str, Any]:
         for status, answer in operation["responses"].items()
     }
     return operation | {"responses": answers}
-
-
-def _name_by_title(document: dict[str, Any], schemas: dict[str, Any]) -> None:
-    """Name each schema by its title: pydantic calls a page of scans `Page_Scan_`, and a named literal has no title."""
-    names = {name: schema.setdefault("title", name) for name, schema in schemas.items()}
-    if len(set(names.values())) < len(names):
-        raise ValueError(f"two schemas have one title: {sorted(names.items(), key=lambda pair: pair[1])}")
-    for name, title in names.items():
-        schemas[title] = schemas.pop(name)
-    refer = {f"#/components/schemas/{name}": f"#/components/schemas/{title}" for name, title in names.items()}
-    _replace_references(document, refer)
 
 
 def _replace_references(part: Any, refer: dict[str, str]) -> None:  # noqa: ANN401 - any JSON value
@@ -184,12 +182,6 @@ def _drop_generated_refusal(responses: dict[str, Any]) -> None:
     """Remove FastAPI's description of a refused value, whose shape this service does not answer."""
     if CODES_KEY not in responses.get("422", {}):
         responses.pop("422", None)
-
-
-def _describe_parameters(operation: dict[str, Any]) -> None:
-    """Remove null from the types of parameters, because a parameter is left out and never null."""
-    for parameter in operation.get("parameters", []):
-        parameter["schema"] = _not_null(parameter["schema"])
 
 
 def _not_null(schema: dict[str, Any]) -> dict[str, Any]:

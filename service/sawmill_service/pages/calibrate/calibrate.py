@@ -18,11 +18,10 @@ from sawmill_contracts import kinds, mill_events
 from sawmill_contracts.calibrations import CalibrationRequest, CalibrationSucceeded, CalibrationUnfinished
 from sawmill_contracts.history import HistoryKind
 from sawmill_contracts.inspections import PICTURE_PX, Inspection, InspectionOptions, ScanPicture
-from sawmill_contracts.phantoms import BUILT_IN_PHANTOMS, StoredPhantom
+from sawmill_contracts.phantoms import BUILT_IN_PHANTOMS
 from sawmill_contracts.scans import Scan, ScanShape, ScanSpec, ScanState
 from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.given import Given
-from sawmill_platform.contracts.jobs import Failure
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import Conflict, NotFound, QueueFull, StorageError
 from sawmill_service.dependencies import TheFiles, TheScans, TheSettings, TheStore, TheWake
@@ -217,19 +216,15 @@ def _of_inspection(page: PageFrame, store: Store, where: WizardAddress, inspecti
     result = inspection.result
     if result is None or result.refusal is not None:
         failure = inspection.failure if result is None else result.refusal
-        held = _held_calibration(store, inspection)
+        # The stored calibration that the file was downloaded from; an HDF5 file has its id in its name.
+        named = re.match(r"calibration-([a-z0-9][a-z0-9-]{0,63})", inspection.options.name)
+        identifier = (inspection.result and inspection.result.calibration_id) or (named and named[1])
+        held = identifier if identifier and store.calibrations.several([identifier]) else None
         return page.answer("calibrate_refused.html", where=where, inspection=inspection, failure=failure, held=held)
     addressed = {name: getattr(where, parameter) or "" for name, parameter in ASKED.items()}
     earlier = {} if where.scan is None else _earlier(store.scans, where.scan)
     answers = earlier | {name: value for name, value in addressed.items() if value}
     return _asked(page, store, where, inspection, answers, status=200)
-
-
-def _held_calibration(store: Store, inspection: Inspection) -> str | None:
-    """Return the id of the stored calibration that the file was downloaded from; an HDF5 file has it in its name."""
-    named = re.match(r"calibration-([a-z0-9][a-z0-9-]{0,63})", inspection.options.name)
-    identifier = (inspection.result and inspection.result.calibration_id) or (named and named[1])
-    return identifier if identifier and store.calibrations.several([identifier]) else None
 
 
 def _of_scan(page: PageFrame, store: Store, where: WizardAddress, scan_id: str, *problems: str) -> HTMLResponse:
@@ -285,6 +280,8 @@ def _of_calibration(
     unread = None if scan is None or scan.state is not ScanState.REFUSED else store.jobs.get(scan.job_id).failure
     failure = unread or calibration.failure
     shape = scan.shape if scan is not None and failure is not None and failure.code == "phantom-not-seen" else None
+    # The failure's sentence names the built-in phantom that explains the scan.
+    named = re.search(r"the built-in drawing '([a-z0-9-]+)' explains the scan", failure.detail if failure else "")
     return page.answer(
         "calibrate_failed.html",
         where=where,
@@ -294,19 +291,13 @@ def _of_calibration(
         unread=unread is not None,
         failure=failure,
         scan=scan,
-        likelier=_likelier(store, failure),
+        likelier=store.phantoms.get(named[1]) if named and named[1] in BUILT_IN_PHANTOMS else None,
         views=shape.views if shape else ENOUGH_VIEWS,
         enough_views=ENOUGH_VIEWS,
         dark_percent=_dark_percent(scan, shape) if scan and shape else 0.0,
         most_dark_percent=MOST_DARK_PERCENT,
         again=_again(store.files, where, scan),
     )
-
-
-def _likelier(store: Store, failure: Failure | None) -> StoredPhantom | None:
-    """Return the built-in phantom that explains the scan, as the failure's sentence names it; None without one."""
-    named = re.search(r"the built-in drawing '([a-z0-9-]+)' explains the scan", failure.detail if failure else "")
-    return store.phantoms.get(named[1]) if named and named[1] in BUILT_IN_PHANTOMS else None
 
 
 def _dark_percent(scan: Scan, shape: ScanShape) -> float:

@@ -57,11 +57,16 @@ class PageFrame:
         """Answer with a page for its caller, which no cache keeps, so that nobody finds it after the logout."""
         html = self.render(template, **values)
         answer = HTMLResponse(html, status, {"Cache-Control": "no-store", "Vary": "Cookie", **(headers or {})})
-        self._keep_display_open(answer)
+        # The cookie of a display is renewed with each page.
+        if self.caller.display and self.caller.csrf_token is not None:
+            cookie: SessionCookie = self._request.app.state.session_cookie
+            secret = cookie.read(self._request.scope, self._request.headers)
+            cookie.give(answer, self._request.scope, secret, lasting=True)
         return answer
 
     def render(self, template: str, **values: object) -> str:
         """Return the text of a template, for a page or a part of one."""
+        chosen = self._request.cookies.get(THEME_COOKIE, "")
         return (
             templates(self.language, self.zone)
             .get_template(f"pages/{template}")
@@ -72,7 +77,7 @@ class PageFrame:
                 language=self.language,
                 languages=LANGUAGES,
                 zone=self.zone,
-                theme=self._theme(),
+                theme=chosen if chosen in THEMES else THEMES[0],
                 themes=THEMES,
                 navigation=() if self.caller is ANYBODY else NAVIGATION,
                 here=self._request.url.path,
@@ -92,17 +97,6 @@ class PageFrame:
             return jobs.get(job_id).failure
         except NotFound:
             return None
-
-    def _theme(self) -> str:
-        chosen = self._request.cookies.get(THEME_COOKIE, "")
-        return chosen if chosen in THEMES else THEMES[0]
-
-    def _keep_display_open(self, answer: HTMLResponse) -> None:
-        """Renew the cookie of a display with each page."""
-        if self.caller.display and self.caller.csrf_token is not None:
-            cookie: SessionCookie = self._request.app.state.session_cookie
-            secret = cookie.read(self._request.scope, self._request.headers)
-            cookie.give(answer, self._request.scope, secret, lasting=True)
 
 
 def _frame(request: Request) -> PageFrame:

@@ -3,9 +3,10 @@
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
-from datetime import date, datetime
+from datetime import date, datetime, timedelta
 from typing import Annotated, NamedTuple
 
+from babel.dates import format_timedelta
 from fastapi import Body, Query, Request, Response
 from fastapi.responses import HTMLResponse, RedirectResponse
 from markupsafe import Markup
@@ -14,7 +15,14 @@ from pydantic_core import to_json
 
 from sawmill_calibration.pictures.phantom_drawing import outline_svg, shown_svg
 from sawmill_contracts import kinds
-from sawmill_contracts.phantoms import DrawnShape, PhantomPicture, StoredPhantom, faults_of
+from sawmill_contracts.phantoms import (
+    DrawnShape,
+    PhantomDrawing,
+    PhantomPicture,
+    SizeMeasurement,
+    StoredPhantom,
+    faults_of,
+)
 from sawmill_contracts.plans import Plan
 from sawmill_contracts.scanners import StoredScanner
 from sawmill_mill.two_questions import TwoQuestions
@@ -28,12 +36,87 @@ from sawmill_service.http.responses.answers import Paging, Svg, file
 from sawmill_service.http.responses.drawn import picture
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.calibrate.calibrate_words import TheWizardAddress
+from sawmill_service.pages.frame.languages import Formats
 from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
 from sawmill_service.pages.frame.verdicts import ShownQuestion, shown_pair
-from sawmill_service.pages.phantoms.phantom_words import SizeKnown, size_known, size_text
 from sawmill_store.scanners.scanners import Scanners
 from sawmill_store.store import Plans
 from sawmill_vocabulary import Shape
+
+# Time from the first warning to the expiry: enough to find the caliper.
+SOON = timedelta(days=30)
+# Ages are given in a unit from two of that unit on: 14 months are not a year.
+_TWO = 2.0
+
+
+@dataclass(frozen=True)
+class SizeKnown:
+    """Accuracy of a phantom's size, for people: a word with its tone, and a sentence."""
+
+    tone: str
+    word: str
+    sentence: str
+
+
+def size_text(drawing: PhantomDrawing, formats: Formats) -> str:
+    """Write the size along x and y."""
+    along_x, along_y = drawing.extent_mm
+    return f"{formats.number(along_x, 1)} \N{MULTIPLICATION SIGN} {formats.mm(along_y, 1)}"
+
+
+def size_known(phantom: StoredPhantom, page: PageFrame, today: date) -> SizeKnown:
+    """Judge how well the size is known, by the measurements and their own expiry."""
+    measured = phantom.drawing.measurements if phantom.drawing else []
+    if not measured:
+        return _unmeasured(phantom, page)
+    _ = page.text.gettext
+    when = _last_measured(measured, page, today)
+    if any(each.expired(today) for each in measured):
+        return SizeKnown("watch", _("Measure again"), _("%(when)s: measure it again.") % {"when": when})
+    if phantom.drawing is not None and (unmeasured := phantom.drawing.axis_as_drawn) is not None:
+        return _along_one_axis(when, unmeasured, page)
+    ends = min((each.expires_on for each in measured if each.expires_on is not None), default=None)
+    formats = page.formats
+    if ends is not None and ends - today <= SOON:
+        sentence = _("%(when)s. Measure it again by %(day)s.") % {"when": when, "day": formats.day(ends.isoformat())}
+        return SizeKnown("watch", _("Measure soon"), sentence)
+    if ends is not None:
+        sentence = _("%(when)s, good until %(day)s.") % {"when": when, "day": formats.day(ends.isoformat())}
+        return SizeKnown("good", _("Measured"), sentence)
+    return SizeKnown("good", _("Measured"), _("%(when)s, with no day on which to repeat it.") % {"when": when})
+
+
+def _along_one_axis(when: str, unmeasured: str, page: PageFrame) -> SizeKnown:
+    _ = page.text.gettext
+    axes = {"axis": "x" if unmeasured == "y" else "y", "other": unmeasured}
+    sentence = _("%(when)s, along %(axis)s only: along %(other)s it is as it was drawn. Measure that side too.")
+    return SizeKnown("watch", _("Measured along %(axis)s only") % axes, sentence % {"when": when, **axes})
+
+
+def _unmeasured(phantom: StoredPhantom, page: PageFrame) -> SizeKnown:
+    _ = page.text.gettext
+    if phantom.built_in:
+        return SizeKnown("idle", _("As published"), _("The size of one published board: measure yours."))
+    return SizeKnown("idle", _("Not measured"), _("Its size is as it was drawn: measure its sides."))
+
+
+def _last_measured(measured: list[SizeMeasurement], page: PageFrame, today: date) -> str:
+    """Write when the phantom was measured last, and with what."""
+    _ = page.text.gettext
+    last = max(measured, key=lambda each: each.measured_on or date.min)
+    if last.measured_on is None:
+        when = _("Measured, it is not known when")
+    elif last.measured_on == today:
+        when = _("Measured today")
+    elif last.measured_on > today:
+        when = _("Measured on %(day)s") % {"day": page.formats.day(last.measured_on.isoformat())}
+    else:
+        ago = format_timedelta(
+            last.measured_on - today, granularity="day", threshold=_TWO, add_direction=True, locale=page.language
+        )
+        when = _("Measured %(ago)s") % {"ago": ago}
+    return when if last.instrument is None else _("%(when)s by %(what)s") % {"when": when, "what": last.instrument}
+
 
 PHANTOMS = "/phantoms"
 # Phantoms on a page of the list; a mill has one or two.
@@ -107,7 +190,9 @@ def preview(page: ThePage, shapes: Annotated[list[JsonValue], Body(embed=True, m
         try:
             read[number] = read_strictly(_OUTLINE, to_json({"shape": shape})).shape
         except ValidationError as error:
-            faults.append(ShapeFault(shape=number, sentence=_complaint(error)))
+            location, message = complaint(error.errors()[0])
+            place = ".".join(part for part in location.split(".") if part not in {"shape", "polygon", "disc"})
+            faults.append(ShapeFault(shape=number, sentence=f"{place} {message}".strip()))
     faults += [ShapeFault(shape=number, sentence=sentence) for number, sentence in faults_of(read)]
     if not read:
         return Preview(svg=None, faults=faults)
@@ -180,15 +265,11 @@ def _phantom_page(
         shown=_picture_of(stored, phantoms),
         newer=phantoms.followers().get(phantom_id),
         plans=list(plan_views(plans, scanners, phantom_id, page)),
-        scanners=_scanners(scanners),
+        # First those whose calibration has a geometry to plan with.
+        scanners=sorted(scanners.page(limit=OFFERED).items, key=lambda each: each.active_calibration_id is None),
         today=today,
         refused=refused,
     )
-
-
-def _scanners(scanners: TheScanners) -> list[StoredScanner]:
-    """Return the scanners, first those whose calibration has a geometry to plan with."""
-    return sorted(scanners.page(limit=OFFERED).items, key=lambda each: each.active_calibration_id is None)
 
 
 def _listed(phantom: StoredPhantom, page: PageFrame, today: date) -> ListedPhantom:
@@ -207,13 +288,6 @@ def _picture_of(phantom: StoredPhantom, phantoms: ThePhantoms) -> PictureShown |
         return None
     width, height = _PNG_HEAD.unpack(head)
     return PictureShown(uploaded.width_mm, uploaded.width_mm * height / width) if width else None
-
-
-def _complaint(error: ValidationError) -> str:
-    """Return the first complaint, with its place within the shape."""
-    location, message = complaint(error.errors()[0])
-    place = ".".join(part for part in location.split(".") if part not in {"shape", "polygon", "disc"})
-    return f"{place} {message}".strip()
 
 
 def _today() -> date:
