@@ -1,4 +1,4 @@
-"""Metrics of the store and of webhooks, counted when read (docs/look-up/metrics.md); labels are of closed sets."""
+"""Metrics of the store, scanners and webhooks, counted when read (docs/look-up/metrics.md); labels are closed sets."""
 
 import threading
 import time

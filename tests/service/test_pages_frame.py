@@ -308,8 +308,8 @@ def test_an_installation_without_documents_names_the_remedy(tmp_path):
     shutil.copytree(ROOT / "service/sawmill_service", tmp_path / "a/service/sawmill_service", symlinks=True)
     program = """
 from types import SimpleNamespace
-from sawmill_service.pages.help import help, search
-assert search.search("scan", "en") == []
+from sawmill_service.pages.help import help
+assert help.search("scan", "en") == []
 help.help_list(SimpleNamespace(language="en"), "")
 """
     environment = os.environ | {"PYTHONPATH": f"{tmp_path}/a/service:{ROOT}/service:{ROOT}/worker"}
