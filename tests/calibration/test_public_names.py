@@ -90,7 +90,7 @@ def test_the_page_s_example_runs_beside_files_named_as_our_folders(tmp_path):
     for name in ("worker.py", "service.py"):
         (tmp_path / name).write_text("raise SystemExit('a file of the user was imported')")
     (example,) = re.findall(r"^```python\n(.*?)^```$", PYTHON_PAGE.read_text(), re.MULTILINE | re.DOTALL)
-    assert run(example, tmp_path).startswith("pass Theta(")
+    assert run(example, tmp_path).startswith("<Calibration: pass, rays within ")
     assert (tmp_path / "RESULT.json").exists()
 
 

@@ -133,7 +133,7 @@ def prepared(path, air_level=None, modules=()):
 
 def test_a_scan_that_was_prepared_from_counts_is_refused(failure, tmp_path):
     line = prepared(tmp_path / "scan.h5", air_level=np.full((ROWS, CELLS), 900.0, np.float32))
-    assert failure("pack", *line)["code"] == "prepared-scan"
+    assert failure("pack", *line)["code"] == "scan-refused"
 
 
 def test_modules_of_the_detector_are_kept(run, tmp_path):

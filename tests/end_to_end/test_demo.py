@@ -44,8 +44,8 @@ def check_demo(output: Path, printed: str, *, error_mm: float, relative_error: f
     assert max(found_mm) < error_mm
     calibrated, by_tape = relative
     assert calibrated < relative_error
-    # A tape's few millimetres are seen less in large pixels.
-    assert by_tape > (3 if size >= 256 else 2) * calibrated
+    # A tape's few millimetres are seen less in large pixels, where rings leave an error of their own.
+    assert by_tape > (3 if size >= 256 else 1.4) * calibrated
 
     text = (output / "index.html").read_text()
     shown = re.findall(r'(?:src|href)="([^"]+)"', text)

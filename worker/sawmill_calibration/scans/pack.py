@@ -64,7 +64,7 @@ def packing(
         left_out |= {} if each.name == path.name else {f"beside it: {each.name}": "is not read"}
     with open_scan(path) if is_own_scan(path) else nullcontext() as own:
         if own is not None and not (own.air_level is own.present is own.deviations is None):
-            raise refused("prepared-scan", f"{path.name!r} was prepared from counts: pack the scanner's own file")
+            raise refused("scan-refused", f"{path.name!r} was prepared from counts: pack the scanner's own file")
     opened = reading_scan(
         path,
         **of_file(options),
