@@ -12,7 +12,6 @@ import argparse
 import ast
 import importlib
 import pkgutil
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
@@ -129,7 +128,8 @@ def main() -> None:
     part, parts = map(int, options.part.split("/"))
     tried = [limit for limit in limits() if options.only in limit.label][part - 1 :: parts]
     if options.list:
-        sys.exit("\n".join([limit.label for limit in tried]))
+        print("\n".join(limit.label for limit in tried))
+        return
     usual, idle = outcomes(options.scans, options.seed), []
     for limit in track(tried, description="limits"):
         value = getattr(limit.module, limit.name)

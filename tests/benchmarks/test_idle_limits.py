@@ -49,11 +49,13 @@ def test_a_limit_that_nothing_reaches_is_idle_and_one_that_decides_is_not(monkey
     printed = capsys.readouterr().out
     assert "joint_fit.steps.NO_GAIN: 2 and 2 of 2 scans" in printed
     assert "2 limits, of which 1 change nothing: joint_fit.metal.ROUNDS" in printed
+    monkeypatch.setattr("sys.argv", ["idle_limits.py", "--list"])
+    idle_limits.main()
+    assert set(capsys.readouterr().out.split()) == set(names)
 
 
 def test_outcomes_are_the_same_but_for_rounding():
     one = {"error_mm": 0.1, "verdict": "pass"}
-    assert same(one, {"error_mm": 0.1 * (1.0 + 1e-9), "verdict": "pass"})
-    assert not same(one, {"error_mm": 0.1001, "verdict": "pass"})
-    assert not same(one, {"error_mm": 0.1, "verdict": "watch"})
-    assert not same(one, {"ended": "error"})
+    assert same(one, one | {"error_mm": 0.1 * (1.0 + 1e-9)})
+    for other in (one | {"error_mm": 0.1001}, one | {"verdict": "watch"}, {"ended": "error"}):
+        assert not same(one, other)

@@ -39,10 +39,8 @@ LOCAL = """time => new Intl.DateTimeFormat("en-GB", {dateStyle: "medium", timeSt
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("seeded")]
 
 # A finger's push goes on for a moment on a busy machine.
-SETTLED_AT_THE_TOP = """async () => {
-    for (let last = -1; scrollY !== last; await new Promise((done) => setTimeout(done, 100))) last = scrollY;
-    scrollTo(0, 0);
-}"""
+WAIT = "await new Promise((done) => setTimeout(done, 100))"
+SETTLED_AT_THE_TOP = f"async () => {{ for (let last = -1; scrollY !== last; {WAIT}) last = scrollY; scrollTo(0, 0); }}"
 
 
 def asymmetric(slices: int) -> np.ndarray:

@@ -576,11 +576,11 @@ class JointFitter:
 
     def _places_of(self, module: DetectorModule, grams: ViewGrams, system: System, used: list[int]) -> ModulePlaces:
         """Return where a found module may begin, each with the residual that the whole model leaves there."""
-        search, variance = self._module_search(grams, system, used), self._variance_on_detector(system, used)
         if self.placed[0] is not self.model:
             self.placed = self.model, {}
         if module in self.placed[1]:
             return self.placed[1][module]
+        search, variance = self._module_search(grams, system, used), self._variance_on_detector(system, used)
         nothing = system.with_patches(np.zeros(len(system.columns)))[1]
         others = [each for each in self.model.data.cells.modules if each.first_cell != module.first_cell]
         places = ModulePlaces()

@@ -223,6 +223,7 @@ class MotionSets:
                 views[number] = view
         return views
 
+    @cached_property
     def errors(self) -> FloatArray | None:
         """Draw errors (n, used) of the fitted columns by what may be real instead; None where nothing may be.
 

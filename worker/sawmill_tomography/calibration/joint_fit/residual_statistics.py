@@ -131,7 +131,7 @@ def _of_rays(
     values = np.zeros((len(order), len(order)))
     values[np.ix_(rows, rows)] = covariance[np.ix_(kept, kept)]
     modules = tuple(_alternatives(group, columns, rows, len(order)) for group in joint.hidden_modules if group)
-    drawn = joint.motion_sets.errors()
+    drawn = joint.motion_sets.errors
     if drawn is None:
         return values, modules, None
     errors = np.zeros((len(drawn), len(order)))

@@ -29,7 +29,7 @@ def view_errors(joint: JointFit, statistics: ResidualStatistics) -> ViewErrors |
     by_own = plain[np.ix_(rest, own)] @ scaled_inverse(plain[np.ix_(own, own)])
     alone = _drawn(plain[np.ix_(rest, rest)] - by_own @ plain[np.ix_(own, rest)], rng)
     errors = np.concatenate([errors, errors[:, rows] @ by_own.T + alone], axis=1)
-    instead = joint.motion_sets.errors()
+    instead = joint.motion_sets.errors
     if instead is not None:
         drawn = rng.integers(DRAWS, size=len(errors))
         real, places = np.flatnonzero(drawn < len(instead)), np.array([*rows, *range(len(order), errors.shape[1])])
