@@ -11,6 +11,7 @@ from sawmill_vocabulary.choices import (
     AlphaRule,
     CalibrationMethod,
     CalibrationStatus,
+    CellOrder,
     ColorMap,
     DataKind,
     FaultyCells,
@@ -53,6 +54,7 @@ from sawmill_vocabulary.geometry import (
     wrap_angle,
 )
 from sawmill_vocabulary.outlines import fault_of_outline
+from sawmill_vocabulary.pairs import FixedPair, PairedScanner
 from sawmill_vocabulary.phantoms import (
     BUILT_IN_OUTLINES,
     LARGEST_ASSUMED_LOG_RADIUS_MM,

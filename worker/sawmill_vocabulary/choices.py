@@ -22,6 +22,13 @@ class Handedness(StrEnum):
     FROM_BEHIND = "from-behind"
 
 
+class CellOrder(StrEnum):
+    """Order of a fixed detector's cells: which way they count about the scanner's centre."""
+
+    COUNTER_CLOCKWISE = "counter-clockwise"
+    CLOCKWISE = "clockwise"
+
+
 class Rotation(StrEnum):
     """Sense of rotation: view angles count as the scan gives them, or the other way (phi becomes -phi)."""
 

@@ -1,0 +1,500 @@
+"""The fit of all cells: pairs, poses, the board as it is, and each pair's beam and detector.
+
+Everything that a scan may hide is an unknown with the size that it may have as prior, so that it is fitted where the
+scan shows it and widens the bound where it does not. Unknowns are the geometry, and what is listed here.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import scipy
+
+from sawmill_tomography.calibration.covariance import scaled_inverse
+from sawmill_tomography.calibration.joint_fit.sample_noise import LEAST_NOISE, sample_noise
+from sawmill_tomography.calibration.joint_fit.scan_model import LARGEST, ScanModel, Term
+from sawmill_tomography.calibration.joint_fit.wood_patches import variation, wood_patches
+from sawmill_tomography.calibration.sinogram_data import SinogramData
+from sawmill_tomography.geometry.geometry import FloatArray
+from sawmill_tomography.pairs.coarse import Placed, possible
+from sawmill_tomography.pairs.passages import PairData, by_pose, seen_by_views
+from sawmill_tomography.phantoms.phantom import Disc, Phantom, Shape
+from sawmill_tomography.sinograms.scattered_radiation import halo
+
+# Unknowns of the board's wood, alike for all pairs, and of each pair: standard deviations of the priors,
+# those of hardening for the change at the longest path, as a share of it.
+OF_WOOD = {Term.ASPECT: 3e-3, Term.SHEAR: 3e-3, Term.CORNERS: 9.0, Term.GRADIENT_X: 5e-4, Term.GRADIENT_Y: 5e-4}
+OF_PAIR = {
+    Term.HARDENING: 0.3,
+    Term.HARDENING_CUBIC: 0.1,
+    Term.BLUR: 2.0,
+    Term.SLOPE: 0.01,
+    Term.CURVATURE: 0.01,
+}
+# Steps over which rounded corners, mm^2, blur, cells^2, and places of corners, mm, are differentiated.
+ROUND_STEP, BLUR_STEP, CORNER_STEP_MM = 1.0, 0.05, 0.05
+# Scatter of the intensity that wood takes out of the beam: halos with these standard deviations on the detector, and
+# the mean of the view; of each pair.
+HALOS_MM, SCATTER = (25.0, 75.0, 200.0), 0.05
+# The factor of the fourth power of the lengths, by which the beam hardens too.
+QUARTIC = 0.03
+OF_OPTICS = len(OF_PAIR) + len(HALOS_MM) + 2
+# Of each view: gain, relative to the first estimate, and offset.
+OF_VIEW = (0.3, 0.02)
+# A traced drawing with more corners keeps its shape up to stretching and shearing.
+MOST_CORNERS = 24
+STEPS, CONVERGED = 15, 1e-4
+# Standard deviations by which a fit is moved to look for a better one, and by how much the power is then less.
+KICKS, BETTER = (4.0, 10.0, 30.0), 1.0
+# Neighbouring cells whose residuals are compared.
+LAGS = 24
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """The places of the unknowns in one vector."""
+
+    pairs: int
+    passages: int
+    sloped: bool  # True if groups of rows tell how the poses change along the feed
+    corners: int
+    patches: int
+
+    @cached_property
+    def starts(self) -> FloatArray:
+        """Where frames, poses, slopes of the poses, wood, corners, optics, views and patches begin, and the end."""
+        of_slopes = 3 * self.passages if self.sloped else 0
+        lengths = (
+            5 * self.pairs,
+            3 * self.passages,
+            of_slopes,
+            len(OF_WOOD),
+            self.corners,
+            OF_OPTICS * self.pairs,
+            len(OF_VIEW) * self.pairs * self.passages,
+            self.patches,
+        )
+        return np.cumsum([0, *lengths])
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return int(self.starts[-1])
+
+    def part(self, number: int) -> slice:
+        """Return the place of the part with this number among `starts`."""
+        return slice(int(self.starts[number]), int(self.starts[number + 1]))
+
+
+FRAMES, POSES, SLOPES, WOOD, CORNERS, OPTICS, VIEWS, PATCHES = range(8)
+
+
+class FineFit:
+    """The unknowns of all at one point, with the normal equations there.
+
+    Parameters
+    ----------
+    board : Phantom
+        The drawing as it is seen.
+    data : sequence of PairData
+        The line integrals of each pair.
+    start : Placed
+        Frames and poses.
+    corner_mm : float
+        Standard deviation of the drawing's corners, mm.
+    """
+
+    def __init__(
+        self, board: Phantom, data: Sequence[PairData], start: Placed, *, from_counts: bool, corner_mm: float
+    ) -> None:
+        self.board, self.data, self.from_counts, self.corner_mm = board, data, from_counts, corner_mm
+        passages, groups, _ = data[0].lines.shape
+        self.layout = Layout(len(data), passages, groups > 1, corners_of(board), len(wood_patches(board)))
+        self.x = np.zeros(self.layout.size)
+        self.x[self.layout.part(FRAMES)], self.x[self.layout.part(POSES)] = start.frames.ravel(), start.poses.ravel()
+        deviations = np.full(self.layout.size, np.inf)
+        deviations[self.layout.part(WOOD)] = [*OF_WOOD.values()]
+        deviations[self.layout.part(CORNERS)] = corner_mm
+        of_pair = np.array([*OF_PAIR.values(), *[SCATTER] * (len(HALOS_MM) + 1), QUARTIC])
+        longest = 2.0 * max(float(abs(shape.density)) for shape in board.shapes) * board.radius_mm
+        of_pair[[0, 1, -1]] /= longest ** np.arange(1.0, 4.0)
+        deviations[self.layout.part(OPTICS)] = np.tile(of_pair, len(data))
+        deviations[self.layout.part(VIEWS)] = [*OF_VIEW] * (len(data) * passages)
+        deviations[self.layout.part(PATCHES)] = LEAST_VARIATION
+        self.precision = 1.0 / deviations**2
+        # The first pose is the gauge.
+        self.precision[self.layout.part(POSES)][:3] = HELD
+        self.held = self.x.copy()
+        self.lines = [one.lines.reshape(-1, one.cells.count) for one in data]
+        self.patches = [np.zeros((0, *lines.shape)) for lines in self.lines]
+        self.weights = [np.ones_like(lines) for lines in self.lines]
+        self._of_densities = dict[int, FloatArray]()
+        self.attenuation = [self._attenuation(number) for number in range(len(data))]
+        self._weigh()
+
+    def _attenuation(self, number: int) -> float:
+        """Return the attenuation per mm of one pair, by regression of its lines on the board's lengths."""
+        self.attenuation = [1.0] * len(self.data)
+        model = self.model(self.x, number).with_view_gains(self.weights[number])
+        return float(np.median(model.gain))
+
+    def of_rows(self, data: Sequence[PairData]) -> "FineFit":
+        """Return the fit at the same point for data in groups of rows."""
+        fit = FineFit(self.board, data, self.placed, from_counts=self.from_counts, corner_mm=self.corner_mm)
+        for part in (WOOD, CORNERS, OPTICS, VIEWS):
+            fit.x[fit.layout.part(part)] = self.x[self.layout.part(part)]
+        fit.attenuation = self.attenuation
+        fit._weigh()
+        return fit
+
+    @property
+    def placed(self) -> Placed:
+        """Frames and poses."""
+        return self._placed(self.x)
+
+    def _placed(self, x: FloatArray) -> Placed:
+        frames, poses = (x[self.layout.part(part)] for part in (FRAMES, POSES))
+        return Placed(frames.reshape(-1, 5), poses.reshape(-1, 3), 0.0)
+
+    def _poses(self, x: FloatArray, number: int) -> FloatArray:
+        """Return the pose in each view of one pair, (views, 3)."""
+        heights, poses = self.data[number].heights_mm, self._placed(x).poses[:, None]
+        if self.layout.sloped:
+            poses = poses + heights[:, None] * x[self.layout.part(SLOPES)].reshape(-1, 1, 3)
+        return np.reshape(poses, (-1, 3))
+
+    def model(self, x: FloatArray, number: int) -> ScanModel:
+        """Return the forward model of one pair without scatter; its views are the groups of rows of all passages."""
+        layout, data, lines = self.layout, self.data[number], self.lines[number]
+        angles, positions = seen_by_views(self._poses(x, number))
+        optics = self._optics(x, number)[: len(OF_PAIR)]
+        sizes = dict(zip((*OF_WOOD, *OF_PAIR), (*x[layout.part(WOOD)], *optics), strict=True))
+        sizes |= {term: 0.0 for term in LARGEST if sizes.get(Term(term), 0.0) < LEAST_SIZE}
+        gain, offset = x[layout.part(VIEWS)].reshape(layout.pairs, layout.passages, 2)[number].T
+        groups = len(lines) // layout.passages
+        return ScanModel(
+            with_corners(self.board, x[layout.part(CORNERS)]),
+            SinogramData(lines, np.zeros(len(lines)), data.cells),
+            self.from_counts,
+            np.concatenate([self._placed(x).frames[number], [0.0, 0.0]]),
+            self.attenuation[number] * np.repeat(1.0 + gain, groups)[:, None],
+            np.repeat(offset, groups)[:, None],
+            np.column_stack([angles, positions]),
+            sizes,
+            view_gain=True,
+        )
+
+    def _optics(self, x: FloatArray, number: int) -> FloatArray:
+        return x[self.layout.part(OPTICS)].reshape(self.layout.pairs, -1)[number]
+
+    def prediction(self, x: FloatArray, number: int, model: ScanModel | None = None) -> FloatArray:
+        """Return the line integrals (views, cells) that one pair should measure."""
+        primary = self._primary(x, number, self.model(x, number) if model is None else model)
+        scatter = self._optics(x, number)[len(OF_PAIR) : -1]
+        if not scatter.any():
+            return primary
+        added = np.tensordot(scatter, self._halos(primary, number), 1)
+        return np.asarray(primary - np.log1p(np.maximum(added, LEAST_ADDED)))
+
+    def _primary(self, x: FloatArray, number: int, model: ScanModel) -> FloatArray:
+        """Return the line integrals of one pair without scatter."""
+        lines = model.prediction + self._optics(x, number)[-1] * model.gain * model.lengths**4
+        densities = x[self.layout.part(PATCHES)][: len(self.patches[number])]
+        return lines + np.tensordot(densities, self.patches[number], 1) if densities.size else lines
+
+    def _halos(self, lines: FloatArray, number: int) -> FloatArray:
+        """Return the intensities that scatter adds for each of its kinds, as a share of the cell's own."""
+        lost, width = -np.expm1(-lines), self.data[number].cells.width_mm
+        halos = [halo(lost, round(math.sqrt(6.0) * one / width)) for one in HALOS_MM]
+        return np.array([*halos, np.broadcast_to(lost.mean(axis=1, keepdims=True), lost.shape)]) * np.exp(lines)
+
+    def residual(self, x: FloatArray, number: int) -> FloatArray:
+        """Return what one pair measured less its prediction, (views, cells)."""
+        return np.asarray(self.lines[number] - self.prediction(x, number))
+
+    def _weigh(self) -> None:
+        """Weigh the samples by the inverse of their noise, which is measured on differences of neighbours."""
+        for number, lines in enumerate(self.lines):
+            predicted = self.prediction(self.x, number)
+            data = SinogramData(lines, np.zeros(len(lines)), self.data[number].cells)
+            variance = sample_noise(data, lines - predicted, predicted).variance
+            least = max(LEAST_NOISE * float(variance.mean()), (1e-6 * float(np.ptp(lines))) ** 2)
+            self.weights[number] = 1.0 / np.maximum(variance, least)
+        self._of_densities = {}
+
+    def power(self, x: FloatArray) -> float:
+        """Return the weighted sum of squares of the residual, and of the departures from the priors."""
+        total = float(self.precision @ (x - self.held) ** 2)
+        for number, weights in enumerate(self.weights):
+            total += float((weights * self.residual(x, number) ** 2).sum())
+        return total
+
+    def columns(self, x: FloatArray, number: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the places of the unknowns of one pair, their columns (n, views, cells), and the residual.
+
+        All are times the root of the weights.
+        """
+        layout, model = self.layout, self.model(x, number)
+        predicted = self.prediction(x, number, model)
+        rows, views, passages = model.deformations, len(model.gain), layout.passages
+        soft = self._softening(model, predicted)
+        chain = model.gain * (1.0 + model.lengths * (2.0 * model.size(Term.HARDENING)
+            + 3.0 * model.size(Term.HARDENING_CUBIC) * model.lengths))  # fmt: skip
+        of_passage = np.repeat(np.eye(passages), views // passages, axis=1)[:, None, :, None]
+        heights = np.tile(self.data[number].heights_mm, passages)[:, None]
+        pose = soft(chain * by_pose(self._poses(x, number), rows[0], rows[5:7]))
+        poses = (of_passage * pose).reshape(-1, *predicted.shape)
+        wood = np.stack([*(chain * [rows[10], rows[11], self._rounding(x, number, model)]), *(model.gain * rows[8:10])])
+        wood = soft(wood)
+        corners = soft(chain * self._moved_corners(x, number, model))
+        bent = soft(model.gain * np.stack([model.lengths**2, model.lengths**3]))
+        blurred = (self.prediction(self._changed(x, number, Term.BLUR, BLUR_STEP), number) - predicted) / BLUR_STEP
+        flat = self._unscattered(model, predicted)
+        optics = [*bent, blurred, flat * model.across, flat * model.across**2, *self._by_scatter(x, number, model), model.gain * flat * model.lengths**4]
+        gains = soft(np.stack([model.sharp - model.offset, np.ones_like(predicted)]))
+        gains[0] *= self.attenuation[number] / model.gain
+        of_views = (of_passage * gains).reshape(-1, *predicted.shape)
+        parts = {FRAMES: (5 * number, soft(chain * rows[:5])), POSES: (0, poses), WOOD: (0, wood), CORNERS: (0, corners)}
+        parts |= {OPTICS: (OF_OPTICS * number, np.array(optics)), VIEWS: (len(of_views) * number, of_views)}
+        parts |= {PATCHES: (0, self.patches[number])}
+        if layout.sloped:
+            parts[SLOPES] = (0, heights * poses)
+        places = [layout.part(part).start + first + np.arange(len(own)) for part, (first, own) in parts.items()]
+        root = np.sqrt(self.weights[number])
+        columns = np.concatenate([own for _, own in parts.values()])
+        return np.concatenate(places), columns * root, (self.lines[number] - predicted) * root
+
+    def _changed(self, x: FloatArray, number: int, term: Term, step: float) -> FloatArray:
+        """Return the unknowns with one term of a pair larger by a step."""
+        there = x.copy()
+        there[self.layout.part(OPTICS).start + OF_OPTICS * number + list(OF_PAIR).index(term)] += step
+        return there
+
+    def _rounding(self, x: FloatArray, number: int, model: ScanModel) -> FloatArray:
+        """Return the derivative of the lengths by the square of the radius of all corners."""
+        more = replace(model, sizes={**model.sizes, Term.CORNERS: model.size(Term.CORNERS) + ROUND_STEP})
+        return np.asarray((more.lengths - model.lengths) / ROUND_STEP)
+
+    def _moved_corners(self, x: FloatArray, number: int, model: ScanModel) -> FloatArray:
+        """Return the derivatives of the lengths by the places of the corners, (coordinates, views, cells)."""
+        corners = x[self.layout.part(CORNERS)]
+        moved = np.zeros((corners.size, *model.lengths.shape))
+        for one, step in enumerate(CORNER_STEP_MM * np.eye(corners.size)):
+            there = replace(model, drawing=with_corners(self.board, corners + step))
+            moved[one] = (there.lengths - model.lengths) / CORNER_STEP_MM
+        return moved
+
+    def _by_scatter(self, x: FloatArray, number: int, model: ScanModel) -> FloatArray:
+        """Return the derivatives of the prediction by the shares of scatter, (kinds, views, cells)."""
+        if not self.from_counts:
+            return np.zeros((len(HALOS_MM) + 1, *model.lengths.shape))
+        halos = self._halos(self._primary(x, number, model), number)
+        added = np.tensordot(self._optics(x, number)[len(OF_PAIR) : -1], halos, 1)
+        return np.asarray(-halos / (1.0 + np.maximum(added, LEAST_ADDED)))
+
+    def _unscattered(self, model: ScanModel, predicted: FloatArray) -> FloatArray:
+        """Return the part of the intensity that is not scattered, (views, cells)."""
+        return np.exp(predicted - model.prediction) if self.from_counts else np.ones_like(predicted)
+
+    def _softening(self, model: ScanModel, predicted: FloatArray) -> Callable[[FloatArray], FloatArray]:
+        """Return the map from changes of sharp line integrals to changes of the prediction, to first order."""
+        before, after = (np.exp(-model.exposed), np.exp(model.blurred)) if self.from_counts else (1.0, 1.0)
+        unscattered = self._unscattered(model, predicted)
+
+        def soft(rows: FloatArray) -> FloatArray:
+            if model.taps.size:
+                rows = scipy.ndimage.correlate1d(before * rows, model.taps, axis=-1, mode="reflect") * after
+            return np.asarray(rows * unscattered)
+
+        return soft
+
+    def system(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the normal matrix and the score of all unknowns, priors included."""
+        normal, score = np.diag(self.precision), -self.precision * (x - self.held)
+        for number in range(len(self.data)):
+            places, columns, residual = self.columns(x, number)
+            flat = columns.reshape(len(columns), -1)
+            normal[np.ix_(places, places)] += self._products(flat, number)
+            score[places] += flat @ residual.ravel()
+        return normal, score
+
+    def _products(self, columns: FloatArray, number: int) -> FloatArray:
+        """Return the products (n, n) of columns (n, samples); those of the patches, the last, are made once."""
+        patches = len(self.patches[number])
+        if number not in self._of_densities:
+            self._of_densities[number] = columns[len(columns) - patches :] @ columns[len(columns) - patches :].T
+        others = columns[: len(columns) - patches] @ columns.T
+        mixed = others[:, len(others) :]
+        return np.block([[others[:, : len(others)], mixed], [mixed.T, self._of_densities[number]]])
+
+    def solve(self, steps: int = STEPS) -> bool:
+        """Take Gauss-Newton steps, damped where they do not lower the power; return whether they have converged."""
+        before, damping = self.power(self.x), 0.0
+        for _ in range(steps):
+            normal, score = self.system(self.x)
+            for _ in range(8):
+                there = self.x + self._step(normal, score, damping)
+                after = self.power(there) if possible(self.board, self._placed(there)) else math.inf
+                if after < before:
+                    break
+                damping = max(10.0 * damping, 1e-4)
+            else:
+                return True
+            self.x, gained, before, damping = there, before - after, after, 0.1 * damping
+            if gained < CONVERGED * self.layout.size:
+                return True
+        return False
+
+    def settle(self) -> bool:
+        """Fit with the board as it is drawn, then as it is."""
+        own = self.precision
+        self.precision = own.copy()
+        self.precision[self.layout.part(WOOD).start : self.layout.part(CORNERS).stop] = HELD
+        self.solve(10)
+        self._weigh()
+        self.precision = own
+        return self.solve()
+
+    def restart(self, rng: np.random.Generator) -> None:
+        """Look for a better point from places that are off by some standard deviations, until none is found."""
+        tried = 0
+        while tried < len(KICKS):
+            normal, _ = self.system(self.x)
+            scale = 1.0 / np.sqrt(np.diag(normal))
+            values, vectors = np.linalg.eigh(normal * np.outer(scale, scale))
+            spread = scale[:, None] * vectors / np.sqrt(np.maximum(values, 1e-11))
+            best, least, tried = self.x, self.power(self.x), 0
+            for size in KICKS:
+                self.x = np.clip(best + size * spread @ rng.standard_normal(len(best)), *self._limits)
+                if possible(self.board, self.placed):
+                    self.solve()
+                    tried += 1
+                    if self.power(self.x) < least - BETTER:
+                        break
+                else:
+                    tried += 1
+            else:
+                self.x = best
+
+    def _step(self, normal: FloatArray, score: FloatArray, damping: float) -> FloatArray:
+        """Return the step that solves the normal equations; sizes that cannot be negative end at 0 or more."""
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
+        scaled = normal * np.outer(scale, scale) + (damping + 1e-11) * np.eye(len(scale))
+        step, free = np.zeros(len(scale)), np.ones(len(scale), bool)
+        low, high = self._limits
+        while True:
+            left = score[free] - normal[np.ix_(free, ~free)] @ step[~free]
+            step[free] = scale[free] * np.linalg.solve(scaled[np.ix_(free, free)], scale[free] * left)
+            beyond = free & ((self.x + step < low) | (self.x + step > high))
+            if not beyond.any():
+                return step
+            step[beyond] = np.clip(self.x + step, low, high)[beyond] - self.x[beyond]
+            free &= ~beyond
+
+    @cached_property
+    def _limits(self) -> tuple[FloatArray, FloatArray]:
+        """The least and the largest value of each unknown."""
+        low, high = np.full((2, self.layout.size), np.inf) * np.array([[-1.0], [1.0]])
+        starts = self.layout.part(OPTICS).start + OF_OPTICS * np.arange(self.layout.pairs)
+        for terms, first in ((OF_WOOD, np.array([self.layout.part(WOOD).start])), (OF_PAIR, starts)):
+            for place, term in enumerate(terms):
+                if term in LARGEST:
+                    low[first + place], high[first + place] = 0.0, LARGEST[term]
+        return low, high
+
+    def vary_densities(self) -> None:
+        """Let the wood's density vary from patch to patch, as much as the scan says."""
+        for number in range(len(self.data)):
+            model = self.model(self.x, number)
+            predicted, body = self.prediction(self.x, number, model), model.drawing
+            lengths = [model.project(replace(body, shapes=shapes)) for shapes in wood_patches(body)]
+            rows = self._softening(model, predicted)(model.gain * np.array(lengths))
+            self.patches[number] = rows
+        self._of_densities = {}
+        self.x[self.layout.part(PATCHES)] = 0.0
+        normal, score = self.system(self.x)
+        patches, others = self.layout.part(PATCHES), slice(0, self.layout.part(PATCHES).start)
+        normal[patches, patches] -= np.diag(self.precision[patches])
+        taken = normal[patches, others] @ scaled_inverse(normal[others, others])
+        left, seen = normal[patches, patches] - taken @ normal[others, patches], score[patches] - taken @ score[others]
+        self.precision[patches] = 1.0 / max(variation(left, seen, 1.0).deviation, LEAST_VARIATION) ** 2
+
+    def temper(self) -> None:
+        """Weigh all samples less, by what neighbouring cells share in the residual: misfit is weak evidence."""
+        residuals = [self.columns(self.x, number)[2] for number in range(len(self.data))]
+        groups = self.data[0].lines.shape[1]
+        shared = correlation([_of_groups(one, groups) for one in residuals])
+        excess = max(1.0, 1.0 + float(shared[0] + 2.0 * shared[1:].sum()))
+        self.weights, self._of_densities = [weights / excess for weights in self.weights], {}
+
+    def covariance(self) -> FloatArray:
+        """Return the covariance of all unknowns: what neighbouring cells share in the residual counts once."""
+        normal = np.diag(self.precision)
+        spread = normal.copy()
+        parts = [self.columns(self.x, number) for number in range(len(self.data))]
+        groups = self.data[0].lines.shape[1]
+        means = [_of_groups(residual, groups) for _, _, residual in parts]
+        shared = correlation(means)
+        for places, columns, _ in parts:
+            flat = columns.reshape(len(columns), -1)
+            product = flat @ flat.T
+            normal[np.ix_(places, places)] += product
+            spread[np.ix_(places, places)] += product
+            together = _of_groups(columns, groups)
+            spread[np.ix_(places, places)] += _correlated(together, shared)
+        inverse = scaled_inverse(normal)
+        covariance: FloatArray = inverse @ spread @ inverse
+        return covariance
+
+
+# Standard deviations of densities of patches that do not vary, and the precision of what is held.
+LEAST_VARIATION, HELD = 1e-4, 1e14
+# Rounded corners, mm^2, and blur, cells^2, of smaller sizes are none.
+LEAST_SIZE = 1e-3
+# At least 5 % of the intensity remain.
+LEAST_ADDED = -0.95
+
+
+def _of_groups(rows: FloatArray, groups: int) -> FloatArray:
+    """Return the sums over the groups of a passage's rows, with the noise of one sample."""
+    *first, views, cells = rows.shape
+    return np.asarray(rows.reshape(*first, views // groups, groups, cells).sum(axis=-2) / math.sqrt(groups))
+
+
+def correlation(residuals: Sequence[FloatArray]) -> FloatArray:
+    """Return what cells at distances of 0 to `LAGS` share beyond white noise, (lags + 1,), tapered by Bartlett."""
+    size = sum(one.size for one in residuals)
+    power = [sum(float((one[:, lag:] * one[:, : one.shape[1] - lag]).sum()) for one in residuals) for lag in range(LAGS + 1)]
+    shared = np.array(power) / size
+    shared[0] = max(shared[0] - 1.0, 0.0)
+    return np.asarray(shared * (1.0 - np.arange(LAGS + 1) / (LAGS + 1)))
+
+
+def _correlated(columns: FloatArray, shared: FloatArray) -> FloatArray:
+    """Return what correlation adds to the products of columns (n, views, cells)."""
+    taps = np.concatenate([shared[:0:-1], shared])
+    smooth = scipy.ndimage.correlate1d(columns, taps, axis=2, mode="constant")
+    product = smooth.reshape(len(columns), -1) @ columns.reshape(len(columns), -1).T
+    return np.asarray(0.5 * (product + product.T))
+
+
+def corners_of(board: Phantom) -> int:
+    """Return the number of coordinates of corners that are fitted: 0 for drawings with too many."""
+    count = sum(2 if isinstance(shape, Disc) else 2 * len(shape.vertices_mm) for shape in board.shapes)
+    return count if count <= 2 * MOST_CORNERS else 0
+
+
+def with_corners(board: Phantom, moved: FloatArray) -> Phantom:
+    """Return the drawing with its corners, and the middles of its discs, moved by these coordinates, mm."""
+    if not moved.any():
+        return board
+    shapes, left = list[Shape](), moved.reshape(-1, 2)
+    for shape in board.shapes:
+        points = [shape.center_mm] if isinstance(shape, Disc) else shape.vertices_mm
+        corners = [(float(x), float(y)) for x, y in np.array(points) + left[: len(points)]]
+        left = left[len(points) :]
+        moved_shape = replace(shape, center_mm=corners[0]) if isinstance(shape, Disc) else replace(shape, vertices_mm=tuple(corners))
+        shapes.append(moved_shape)
+    return replace(board, shapes=tuple(shapes))

@@ -1,0 +1,72 @@
+"""The data of a scanner of fixed pairs, and how the board lies in each passage."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sawmill_tomography.geometry.geometry import FloatArray, SourceFrame, rotate
+from sawmill_tomography.projection.analytic import DetectorCells
+
+
+@dataclass(frozen=True, eq=False)
+class PairData:
+    """The line integrals of one pair; the cells count counter-clockwise."""
+
+    lines: FloatArray  # (passages, groups, cells): means over groups of neighbouring rows
+    heights_mm: FloatArray  # (groups,): height of each group on the object
+    cells: DetectorCells
+
+    def binned(self, cells: int) -> "PairData":
+        """Return the means over all rows, and over groups of cells."""
+        means = self.lines.mean(axis=1, keepdims=True)
+        count = means.shape[2] // cells
+        means = means[..., : count * cells].reshape(len(means), 1, count, cells).mean(axis=3)
+        wider = replace(self.cells, width_mm=self.cells.width_mm * cells, count=count, modules=self.cells.modules if cells == 1 else ())
+        return PairData(means, self.heights_mm.mean(keepdims=True), wider)
+
+    @property
+    def reversed(self) -> "PairData":
+        """The data with the cells in the other order."""
+        return replace(self, lines=np.ascontiguousarray(self.lines[..., ::-1]))
+
+
+def seen_by_views(poses: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the view angles (views,), rad, and positions (views, 2), mm, at which a drawing lies as the poses say.
+
+    A pose (views, 3) is x and y in mm and the roll in rad. A body that rolls is seen as by a scanner that turns the
+    other way.
+    """
+    return -poses[:, 2], np.stack(rotate(-poses[:, 2], poses[:, 0], poses[:, 1]), -1)
+
+
+def by_pose(poses: FloatArray, by_angle: FloatArray, by_position: FloatArray) -> FloatArray:
+    """Return the derivatives by the pose (3, ...) from those by view angle (...) and position (2, ...).
+
+    Views are the first axis of (...).
+    """
+    x, y, roll = poses.T.reshape(3, -1, *[1] * (by_angle.ndim - 1))
+    c, s = np.cos(roll), np.sin(roll)
+    by_x, by_y = c * by_position[0] - s * by_position[1], s * by_position[0] + c * by_position[1]
+    return np.stack([by_x, by_y, y * by_x - x * by_y - by_angle])
+
+
+def moved_frames(frames: FloatArray, motion: Sequence[float]) -> FloatArray:
+    """Return the frames (pairs, 5) in coordinates turned by motion[2] and then shifted by motion[:2], mm and rad."""
+    return np.array([_moved(frame, *motion) for frame in frames])
+
+
+def _moved(frame: FloatArray, x_mm: float, y_mm: float, turn_rad: float) -> FloatArray:
+    """Return one frame: the ray through the new origin gives its distance, column and tilt."""
+    psi, r, sdd, u_c, tau = frame
+    omega, f = psi + tau + turn_rad, sdd * np.cos(tau)
+    foot = u_c - sdd * np.sin(tau)
+    source = np.array(rotate(psi + turn_rad, 0.0, -r)) + [x_mm, y_mm]
+    distance, angle = float(np.hypot(*source)), float(np.arctan2(source[0], -source[1]))
+    tilt = float(np.arctan2(np.sin(omega - angle), np.cos(omega - angle)))
+    return np.array([angle, distance, f / np.cos(tilt), foot + f * np.tan(tilt), tilt])
+
+
+def to_frames(values: FloatArray) -> list[SourceFrame]:
+    """Return rows (pairs, 5) of (psi, R, SDD, u_c, tau) as source frames."""
+    return [SourceFrame.from_vector(row) for row in values]

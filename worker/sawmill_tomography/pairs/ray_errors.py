@@ -1,0 +1,183 @@
+"""The distance between the rays of two geometries of fixed pairs, up to a common rigid motion and a common scale."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy
+
+from sawmill_tomography.geometry.detector_shape import cell_points
+from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, SourceFrame
+from sawmill_tomography.pairs.passages import moved_frames
+from sawmill_vocabulary import Scanner
+
+# Rays of a pair that are compared, and the two points of Gauss on each chord, which are exact for a line's square.
+RAYS, GAUSS = 40, 1.0 / math.sqrt(3.0)
+# Steps by which rays are differentiated: rad, mm, mm, mm, rad.
+STEPS = np.array([1e-5, 1e-2, 1e-2, 1e-2, 1e-5])
+PROMISED = 0.95
+
+
+@dataclass(frozen=True)
+class PredictedRays:
+    """What a covariance predicts of the ray error."""
+
+    rms_mm: float
+    upper_95_mm: float  # the RMS that the error exceeds in 5 % of calibrations
+
+
+@dataclass(frozen=True, eq=False)
+class PairRays:
+    """Rays of all pairs inside the disc about the origin in which errors count.
+
+    Attributes
+    ----------
+    scanners : sequence of Scanner
+        The constants of each pair.
+    frames : (pairs, 5) float64
+        The geometry of each pair, rows (psi, R, SDD, u_c, tau), mm and rad.
+    radius_mm : float
+        Radius of the disc.
+    """
+
+    scanners: Sequence[Scanner]
+    frames: FloatArray
+    radius_mm: float
+
+    @cached_property
+    def cells(self) -> list[FloatArray]:
+        """Cells of each pair that are compared: about 40 of those whose rays meet the disc."""
+        chosen = []
+        for number, (scanner, frame) in enumerate(zip(self.scanners, self.frames, strict=True)):
+            source, angle = _rays(scanner, frame)
+            near = np.abs(-np.sin(angle) * source[0] + np.cos(angle) * source[1]) < self.radius_mm
+            inside = np.flatnonzero(near)
+            if inside.size < 2:
+                raise GeometryError(
+                    f"no ray of pair {number + 1} meets the disc of radius {self.radius_mm:.4g} mm about the centre"
+                )
+            chosen.append(inside[np.linspace(0, inside.size - 1, min(RAYS, inside.size)).round().astype(int)])
+        return chosen
+
+    @cached_property
+    def points(self) -> FloatArray:
+        """Points on the chords, (points, 2) mm, pair by pair."""
+        places = []
+        for scanner, frame, cells in zip(self.scanners, self.frames, self.cells, strict=True):
+            source, angle = _rays(scanner, frame)
+            direction = np.stack([np.cos(angle), np.sin(angle)], -1)[cells]
+            along = -(direction @ source)
+            half = np.sqrt(np.maximum(self.radius_mm**2 - (source @ source - along**2), 0.0))
+            at = along[:, None] + half[:, None] * np.array([-GAUSS, GAUSS])
+            places.append((source + at[..., None] * direction[:, None]).reshape(-1, 2))
+        return np.concatenate(places)
+
+    @cached_property
+    def of_pair(self) -> FloatArray:
+        """The number of each point's pair, (points,)."""
+        return np.repeat(np.arange(len(self.frames)), [2 * cells.size for cells in self.cells])
+
+    def distances(self, frames: FloatArray) -> FloatArray:
+        """Return by how much the rays of other frames miss the points, (points,) mm, signed."""
+        misses, first = [], 0
+        for scanner, frame, cells in zip(self.scanners, frames, self.cells, strict=True):
+            source, angle = _rays(scanner, frame)
+            normal = np.repeat(np.stack([-np.sin(angle), np.cos(angle)], -1)[cells], 2, axis=0)
+            own = self.points[first : first + len(normal)]
+            first += len(normal)
+            misses.append(np.einsum("pc,pc->p", normal, source - own))
+        return np.concatenate(misses)
+
+    @cached_property
+    def gauge(self) -> FloatArray:
+        """Change of the distances by a shift along x and y, a turn, and a common scale, (points, 4)."""
+        normals, sources = [], []
+        for scanner, frame, cells in zip(self.scanners, self.frames, self.cells, strict=True):
+            source, angle = _rays(scanner, frame)
+            normals.append(np.repeat(np.stack([-np.sin(angle), np.cos(angle)], -1)[cells], 2, axis=0))
+            sources.append(np.broadcast_to(source, normals[-1].shape))
+        n, s = np.concatenate(normals), np.concatenate(sources)
+        turned = n[:, 1] * self.points[:, 0] - n[:, 0] * self.points[:, 1]
+        return np.column_stack([n, turned, np.einsum("pc,pc->p", n, s)])
+
+    @cached_property
+    def slopes(self) -> FloatArray:
+        """Derivatives of the distances by the frames, (points, 5 pairs)."""
+        slopes = np.zeros((len(self.points), self.frames.size))
+        for number in range(len(self.frames)):
+            own = self.of_pair == number
+            for parameter, step in enumerate(STEPS):
+                ends = []
+                for way in (step, -step):
+                    moved = self.frames.copy()
+                    moved[number, parameter] += way
+                    ends.append(self.distances(moved)[own])
+                slopes[own, 5 * number + parameter] = (ends[0] - ends[1]) / (2.0 * step)
+        return slopes
+
+    @cached_property
+    def to_gauge(self) -> FloatArray:
+        """The rigid motion and scale that a change of the frames contains, (4, 5 pairs)."""
+        return np.linalg.lstsq(self.gauge, self.slopes)[0]
+
+    def predicted(self, covariance: FloatArray, pair: int | None = None) -> PredictedRays:
+        """Predict the ray error of all pairs, or of one, from the covariance (5 pairs, 5 pairs) of the frames.
+
+        The upper bound is that of the scaled chi-square with the same mean and variance (Satterthwaite 1946).
+        """
+        left = self.slopes - self.gauge @ self.to_gauge
+        left = left if pair is None else left[self.of_pair == pair]
+        square = left.T @ left / len(left) @ covariance
+        mean, spread = float(np.trace(square)), float(np.trace(square @ square))
+        if mean <= 0.0:
+            return PredictedRays(0.0, 0.0)
+        freedom = mean**2 / spread
+        upper = mean * float(scipy.stats.chi2.ppf(PROMISED, freedom)) / freedom
+        return PredictedRays(math.sqrt(mean), math.sqrt(upper))
+
+    def scale_deviation(self, covariance: FloatArray) -> float:
+        """Predict the standard deviation of the common scale, a share."""
+        row = self.to_gauge[3]
+        return math.sqrt(max(float(row @ covariance @ row), 0.0))
+
+
+@dataclass(frozen=True)
+class PairRayError:
+    """Distances in mm after the common rigid motion and scale that make their RMS least."""
+
+    rms_mm: float
+    of_pairs_mm: tuple[float, ...]
+    scale_change: float  # by this share the other geometry is larger
+
+
+def pair_ray_error(true: PairRays, frames: FloatArray) -> PairRayError:
+    """Compute the RMS distance between the true rays and those of other frames (pairs, 5), of all and of each pair."""
+    motion, scale = np.zeros(3), 1.0
+    for _ in range(30):
+        misses = true.distances(_placed(frames, motion, scale))
+        step = np.linalg.lstsq(true.gauge, -misses)[0]
+        # The step turns about the origin after what was moved before.
+        c, s = math.cos(step[2]), math.sin(step[2])
+        motion = np.array([c * motion[0] - s * motion[1] + step[0], s * motion[0] + c * motion[1] + step[1], motion[2] + step[2]])
+        scale *= 1.0 + step[3]
+        if np.abs(step).max() < 1e-12:
+            break
+    misses = true.distances(_placed(frames, motion, scale))
+    own = [math.sqrt(float(np.mean(misses[true.of_pair == pair] ** 2))) for pair in range(len(frames))]
+    return PairRayError(math.sqrt(float(np.mean(misses**2))), tuple(own), 1.0 / scale - 1.0)
+
+
+def _placed(frames: FloatArray, motion: FloatArray, scale: float) -> FloatArray:
+    """Return the frames with distances to the sources times the scale, then moved; detectors follow their sources."""
+    scaled = frames.copy()
+    scaled[:, 1] *= scale
+    return moved_frames(scaled, motion.tolist())
+
+
+def _rays(scanner: Scanner, frame: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the source (2,), and the angle of the ray to each cell (cells,)."""
+    psi, r = frame[:2]
+    across, along = cell_points(scanner, SourceFrame.from_vector(frame)).T
+    return np.array([r * math.sin(psi), -r * math.cos(psi)]), psi + np.arctan2(along, across)

@@ -1,0 +1,97 @@
+"""Passages of a body through a scanner of fixed pairs: counts with flat and dark fields of each pair."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sawmill_tomography.geometry.geometry import FloatArray, SourceFrame
+from sawmill_tomography.phantoms.phantom import Phantom
+from sawmill_tomography.physics.body import Motion, stand
+from sawmill_tomography.physics.simulate import NOTHING, Converter, Counts, signal, spoil, transmission, tube_output
+from sawmill_vocabulary import CellOrder, PairedScanner
+from sawmill_vocabulary.physics import Physics
+
+FIELDS = 10
+_WOOD, _TUBE, _CELLS, _NOISE, _SPOILT = range(5)
+
+
+@dataclass(frozen=True)
+class Passage:
+    """How a body lies in one passage: its place and roll at height 0, and their slopes along the feed."""
+
+    place_mm: tuple[float, float] = (0.0, 0.0)
+    roll_rad: float = 0.0
+    slope: tuple[float, float] = (0.0, 0.0)  # of the place, mm per mm
+    twist_rad_per_mm: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class PassedPair:
+    """What one pair measures of all passages."""
+
+    counts: Counts  # (passages, rows, cells) uint16
+    flats: Counts  # (fields, cells)
+    darks: Counts  # (fields, cells)
+
+
+def simulate_passages(
+    body: Phantom,
+    scanner: PairedScanner,
+    frames: Sequence[SourceFrame],
+    passages: Sequence[Passage],
+    effects: Physics = NOTHING,
+    *,
+    rows: int = 1,
+    row_pitch_mm: float = 2.0,
+    photons: float = 30_000.0,
+    seed: int,
+) -> list[PassedPair]:
+    """Simulate passages of a body, the same at each height, through a scanner whose pairs have these true frames.
+
+    Parameters
+    ----------
+    body : Phantom
+        The body from the side that is seen; densities in attenuation per mm.
+    frames : sequence of SourceFrame
+        The true geometry of each pair.
+    rows, row_pitch_mm : int, float
+        Rows of a passage along the feed, and their distance, mm; the middle of the rows has height 0.
+    photons : float
+        Photons in air for each cell and row.
+
+    Raises
+    ------
+    GeometryError
+        If the body reaches a source, or counts do not fit 16 bits.
+    """
+    wood = stand(body, effects.wood, np.random.default_rng((seed, _WOOD)))
+    heights = (np.arange(rows) - 0.5 * (rows - 1)) * row_pitch_mm
+    passed = []
+    for number, (pair, frame) in enumerate(zip(scanner.pairs, frames, strict=True)):
+        cells, at = pair.num_detector_pixels, heights + pair.feed_offset_mm
+        converter = Converter.of(effects.detector, photons, cells, np.random.default_rng((seed, number, _CELLS)))
+        views = len(passages) * rows
+        offsets = np.concatenate([one.place_mm + at[:, None] * one.slope for one in passages])
+        rolls = np.concatenate([one.roll_rad + at * one.twist_rad_per_mm for one in passages])
+        motion = Motion(np.zeros(views), rolls, offsets, np.zeros((views, 2)), None)
+        through = transmission(wood, pair.scanner, frame, motion, effects, 0.0)
+        received = _received(through, pair.detector_pitch_mm, effects, len(passages), (seed, number, _TUBE))
+        noise = np.random.default_rng((seed, number, _NOISE))
+        counts = converter.expose(photons * received, noise)
+        fields = [converter.expose(np.full((FIELDS, cells), level), noise) for level in (photons, 0.0)]
+        counts = spoil(counts, converter, effects.detector, np.random.default_rng((seed, number, _SPOILT)))
+        flats, darks = (field.astype(np.uint16) for field in fields)
+        way = -1 if pair.cell_order is CellOrder.CLOCKWISE else 1
+        counts, flats, darks = (image[:, ::way] for image in (counts, flats, darks))
+        passed.append(PassedPair(counts.reshape(len(passages), rows, cells), flats, darks))
+    return passed
+
+
+def _received(
+    through: FloatArray, pitch_mm: float, effects: Physics, passages: int, seed: tuple[int, ...]
+) -> FloatArray:
+    """Return the signals of all rows, (views, cells); the tube and the detector's lag start anew in each passage."""
+    rng = np.random.default_rng(seed)
+    parts = [signal(part, pitch_mm, effects, tube_output(len(part), effects, rng)) for part in np.split(through, passages)]
+    return np.concatenate(parts)

@@ -1,0 +1,146 @@
+"""Scanners of several fixed pairs of source and detector, through which the object slides lengthwise.
+
+Axes, signs and formulas: docs/look-up/conventions.md#pairs.
+"""
+
+import math
+from dataclasses import dataclass, field
+
+from sawmill_vocabulary.choices import CellOrder
+from sawmill_vocabulary.geometry import LARGEST_MM, DetectorModule, GeometryError, Scanner, SourceFrame
+from sawmill_vocabulary.outlines import AsContract
+
+FEWEST_PAIRS, MOST_PAIRS = 2, 6
+
+
+def _length(description: str, *, low: float = -LARGEST_MM, default: float = 0.0) -> float:
+    return field(default=default, metadata={"description": description, "ge": low, "le": LARGEST_MM})
+
+
+@dataclass(frozen=True)
+class FixedPair(AsContract):
+    """A fixed pair of source and line detector: the nominal place, and how far the true place may be from it."""
+
+    angle_deg: float = field(
+        metadata={
+            "description": "Angle of the source about the scanner's centre, counter-clockwise from -y, degrees.",
+            "ge": -360,
+            "le": 360,
+            "examples": [90.0],
+        }
+    )
+    source_distance_mm: float = field(
+        metadata={"description": "Source to centre, mm.", "gt": 0, "le": LARGEST_MM, "examples": [860.0]}
+    )
+    source_to_detector_mm: float = field(
+        metadata={
+            "description": "Source to detector along the ray through the centre, mm.",
+            "gt": 0,
+            "le": LARGEST_MM,
+            "examples": [1570.0],
+        }
+    )
+    num_detector_pixels: int = field(
+        metadata={"description": "Number of detector cells.", "ge": 8, "le": 65536, "examples": [768]}
+    )
+    detector_pitch_mm: float = field(
+        metadata={
+            "description": "Distance between neighbouring detector cells, mm.",
+            "gt": 0,
+            "le": LARGEST_MM,
+            "examples": [1.5],
+        }
+    )
+    cor_column_mm: float = _length("Where the ray through the centre meets the detector, mm from its middle.")
+    detector_tilt_deg: float = field(
+        default=0.0,
+        metadata={
+            "description": "Tilt of the detector against the normal of the ray through the centre, degrees.",
+            "gt": -80,
+            "lt": 80,
+        },
+    )
+    detector_modules: tuple[DetectorModule, ...] = field(
+        default=(), metadata={"description": "Modules of the line detector after the first.", "max_length": 64}
+    )
+    detector_arc_radius_mm: float | None = field(
+        default=None,
+        metadata={
+            "description": "Radius of the arc on which the cells lie, mm; null: a straight line.",
+            "gt": 0,
+            "le": LARGEST_MM,
+        },
+    )
+    feed_offset_mm: float = _length(
+        "Place of the pair's plane along the feed, mm: its rows show the object at heights larger by this."
+    )
+    cell_order: CellOrder | None = field(
+        default=None,
+        metadata={
+            "description": "Whether the cells count counter-clockwise about the centre, seen as the angles are; null: "
+            "not known, the calibration finds it."
+        },
+    )
+    angle_within_deg: float = field(
+        default=10.0,
+        metadata={"description": "How far angle and tilt may be from the nominal ones, degrees.", "gt": 0, "le": 90},
+    )
+    place_within_mm: float = field(
+        default=60.0,
+        metadata={
+            "description": "How far distances and the detector's middle may be from the nominal ones, mm.",
+            "gt": 0,
+            "le": LARGEST_MM,
+        },
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse cells that no detector has, and a detector in front of the centre."""
+        self.scanner  # noqa: B018 - refuses what no scanner has
+        if not self.source_to_detector_mm > self.source_distance_mm > 0.0:
+            raise GeometryError(
+                f"source_to_detector_mm {self.source_to_detector_mm:g} must be larger than source_distance_mm "
+                f"{self.source_distance_mm:g}: the centre lies between source and detector"
+            )
+
+    @property
+    def scanner(self) -> Scanner:
+        """The constants of a scanner with this pair alone."""
+        return Scanner(
+            self.source_distance_mm,
+            self.num_detector_pixels,
+            self.detector_pitch_mm,
+            self.detector_modules,
+            self.detector_arc_radius_mm,
+        )
+
+    @property
+    def frame(self) -> SourceFrame:
+        """The nominal place as a source frame, whose psi is the source's angle."""
+        return SourceFrame(
+            math.radians(self.angle_deg),
+            self.source_distance_mm,
+            self.source_to_detector_mm,
+            self.cor_column_mm,
+            math.radians(self.detector_tilt_deg),
+        )
+
+
+@dataclass(frozen=True)
+class PairedScanner(AsContract):
+    """A scanner of several fixed pairs."""
+
+    pairs: tuple[FixedPair, ...] = field(
+        metadata={
+            "description": "The pairs, in the order of the scan's.",
+            "min_length": FEWEST_PAIRS,
+            "max_length": MOST_PAIRS,
+        }
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse one pair, which is a scanner that needs an object that turns."""
+        if not FEWEST_PAIRS <= len(self.pairs) <= MOST_PAIRS:
+            raise GeometryError(
+                f"a scanner of fixed pairs has {FEWEST_PAIRS} to {MOST_PAIRS} pairs, not {len(self.pairs)}"
+            )
