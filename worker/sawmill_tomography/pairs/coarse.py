@@ -23,6 +23,8 @@ POSE_STEPS, STEPS = 12, 40
 CONVERGED = 1e-5
 _LINEAR = [GramTerm.SHADOW, GramTerm.ONE]
 _OTHERS = [*range(7), GramTerm.DATA]
+# Sizes of moves from which a fit starts again: of the nominal places' standard deviations, and of a pose, mm and rad.
+KICKS, POSE_KICK = (0.1, 0.3, 0.6), np.array([20.0, 20.0, 0.1])
 # Where two poses are nearer than this, one is the other: mm and rad.
 SAME_MM, SAME_RAD = 3.0, 0.02
 
@@ -217,12 +219,16 @@ def starts(board: Phantom, data: Sequence[PairData], nominal: Nominal) -> list[P
     return sorted(fitted, key=lambda each: each.power)
 
 
-def kicked(placed: Placed, covariance: FloatArray, size: float, rng: np.random.Generator) -> Placed:
-    """Return places and poses that are off by about `size` standard deviations in a random direction."""
-    scale = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    values, vectors = np.linalg.eigh(covariance / np.outer(np.maximum(scale, 1e-300), np.maximum(scale, 1e-300)))
-    change = scale * (vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(values.size)))
-    pairs = placed.frames.size
-    return Placed(
-        placed.frames + size * change[:pairs].reshape(-1, 5), placed.poses + size * change[pairs:].reshape(-1, 3), 0.0
-    )
+def restarted(
+    board: Phantom, data: Sequence[PairData], placed: Placed, nominal: Nominal, rng: np.random.Generator
+) -> Placed:
+    """Return the best of some fits from places near this one, which a fit that stalled would leave."""
+    best = placed
+    for size in KICKS:
+        frames = placed.frames + size * nominal.deviations * rng.standard_normal(placed.frames.shape)
+        poses = placed.poses + size * POSE_KICK * rng.standard_normal(placed.poses.shape)
+        near = Placed(frames, poses, 0.0)
+        if possible(board, near):
+            found = together(board, data, near, nominal)
+            best = min(best, found, key=lambda each: each.power)
+    return best

@@ -45,9 +45,9 @@ OF_OPTICS = len(OF_PAIR) + len(HALOS_MM) + 2
 OF_VIEW = (0.3, 0.02)
 # A traced drawing with more corners keeps its shape up to stretching and shearing.
 MOST_CORNERS = 24
+# mm, or rad: derivatives by the corners hold where nothing has moved more.
+MOVED = 2.0
 STEPS, CONVERGED = 15, 1e-4
-# Standard deviations by which a fit is moved to look for a better one, and by how much the power is then less.
-KICKS, BETTER = (4.0, 10.0, 30.0), 1.0
 # Neighbouring cells whose residuals are compared.
 LAGS = 24
 
@@ -130,9 +130,9 @@ class FineFit:
         self.lines = [one.lines.reshape(-1, one.cells.count) for one in data]
         self.patches = [np.zeros((0, *lines.shape)) for lines in self.lines]
         self.weights = [np.ones_like(lines) for lines in self.lines]
-        self._of_densities = dict[int, FloatArray]()
+        self._of_densities, self._of_corners = dict[int, FloatArray](), dict[int, tuple[FloatArray, FloatArray]]()
         self.attenuation = [self._attenuation(number) for number in range(len(data))]
-        self._weigh()
+        self.weigh()
 
     def _attenuation(self, number: int) -> float:
         """Return the attenuation per mm of one pair, by regression of its lines on the board's lengths."""
@@ -146,7 +146,7 @@ class FineFit:
         for part in (WOOD, CORNERS, OPTICS, VIEWS):
             fit.x[fit.layout.part(part)] = self.x[self.layout.part(part)]
         fit.attenuation = self.attenuation
-        fit._weigh()
+        fit.weigh()
         return fit
 
     @property
@@ -214,7 +214,7 @@ class FineFit:
         """Return what one pair measured less its prediction, (views, cells)."""
         return np.asarray(self.lines[number] - self.prediction(x, number))
 
-    def _weigh(self) -> None:
+    def weigh(self) -> None:
         """Weigh the samples by the inverse of their noise, which is measured on differences of neighbours."""
         for number, lines in enumerate(self.lines):
             predicted = self.prediction(self.x, number)
@@ -278,12 +278,20 @@ class FineFit:
         return np.asarray((more.lengths - model.lengths) / ROUND_STEP)
 
     def _moved_corners(self, x: FloatArray, number: int, model: ScanModel) -> FloatArray:
-        """Return the derivatives of the lengths by the places of the corners, (coordinates, views, cells)."""
+        """Return the derivatives of the lengths by the places of the corners, (coordinates, views, cells).
+
+        They are made again where the pair or a pose has moved.
+        """
+        place = np.concatenate([self._placed(x).frames[number], self._placed(x).poses.ravel()])
+        kept = self._of_corners.get(number)
+        if kept is not None and np.abs(place - kept[0]).max() < MOVED:
+            return kept[1]
         corners = x[self.layout.part(CORNERS)]
         moved = np.zeros((corners.size, *model.lengths.shape))
         for one, step in enumerate(CORNER_STEP_MM * np.eye(corners.size)):
             there = replace(model, drawing=with_corners(self.board, corners + step))
             moved[one] = (there.lengths - model.lengths) / CORNER_STEP_MM
+        self._of_corners[number] = place, moved
         return moved
 
     def _by_scatter(self, x: FloatArray, number: int, model: ScanModel) -> FloatArray:
@@ -353,30 +361,9 @@ class FineFit:
         self.precision = own.copy()
         self.precision[self.layout.part(WOOD).start : self.layout.part(CORNERS).stop] = HELD
         self.solve(10)
-        self._weigh()
+        self.weigh()
         self.precision = own
         return self.solve()
-
-    def restart(self, rng: np.random.Generator) -> None:
-        """Look for a better point from places that are off by some standard deviations, until none is found."""
-        tried = 0
-        while tried < len(KICKS):
-            normal, _ = self.system(self.x)
-            scale = 1.0 / np.sqrt(np.diag(normal))
-            values, vectors = np.linalg.eigh(normal * np.outer(scale, scale))
-            spread = scale[:, None] * vectors / np.sqrt(np.maximum(values, 1e-11))
-            best, least, tried = self.x, self.power(self.x), 0
-            for size in KICKS:
-                self.x = np.clip(best + size * spread @ rng.standard_normal(len(best)), *self._limits)
-                if possible(self.board, self.placed):
-                    self.solve()
-                    tried += 1
-                    if self.power(self.x) < least - BETTER:
-                        break
-                else:
-                    tried += 1
-            else:
-                self.x = best
 
     def _step(self, normal: FloatArray, score: FloatArray, damping: float) -> FloatArray:
         """Return the step that solves the normal equations; sizes that cannot be negative end at 0 or more."""
@@ -420,6 +407,12 @@ class FineFit:
         taken = normal[patches, others] @ scaled_inverse(normal[others, others])
         left, seen = normal[patches, patches] - taken @ normal[others, patches], score[patches] - taken @ score[others]
         self.precision[patches] = 1.0 / max(variation(left, seen, 1.0).deviation, LEAST_VARIATION) ** 2
+
+    def share_left(self) -> float:
+        """Return the RMS of the residual as a share of the RMS of the shadows."""
+        left = sum(float((self.residual(self.x, number) ** 2).sum()) for number in range(len(self.data)))
+        shadow = sum(float(((lines - lines.min(axis=1, keepdims=True)) ** 2).sum()) for lines in self.lines)
+        return math.sqrt(left / shadow)
 
     def temper(self) -> None:
         """Weigh all samples less, by what neighbouring cells share in the residual: misfit is weak evidence."""

@@ -1,16 +1,16 @@
 """The distance between the rays of two geometries of fixed pairs, up to a common rigid motion and a common scale."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import scipy
 
 from sawmill_tomography.geometry.detector_shape import cell_points
 from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, SourceFrame
 from sawmill_tomography.pairs.passages import moved_frames
+from sawmill_tomography.statistics import exceeded_chi_square
 from sawmill_vocabulary import Scanner
 
 # Rays of a pair that are compared, and the two points of Gauss on each chord, which are exact for a line's square.
@@ -134,13 +134,36 @@ class PairRays:
         if mean <= 0.0:
             return PredictedRays(0.0, 0.0)
         freedom = mean**2 / spread
-        upper = mean * float(scipy.stats.chi2.ppf(PROMISED, freedom)) / freedom
+        upper = mean * exceeded_chi_square(1.0 - PROMISED, freedom) / freedom
         return PredictedRays(math.sqrt(mean), math.sqrt(upper))
+
+    def without_motion(self, covariance: FloatArray, motion: FloatArray, frames: FloatArray) -> FloatArray:
+        """Return the covariance (5 pairs, 5 pairs) of these frames after a motion, without what moves all alike.
+
+        `covariance` is that of `frames` (pairs, 5) before the motion (3,).
+        """
+        moved = np.stack([_slope(lambda x: moved_frames(x, motion.tolist()), frames, one) for one in range(frames.size)], -1)
+        rigid = np.stack([_slope(lambda x: moved_frames(self.frames, x.tolist()), np.zeros(3), one) for one in range(3)], -1)
+        kept = (np.eye(frames.size) - rigid @ self.to_gauge[:3]) @ moved
+        left: FloatArray = kept @ covariance @ kept.T
+        return left
 
     def scale_deviation(self, covariance: FloatArray) -> float:
         """Predict the standard deviation of the common scale, a share."""
         row = self.to_gauge[3]
         return math.sqrt(max(float(row @ covariance @ row), 0.0))
+
+
+def _slope(of: Callable[[FloatArray], FloatArray], at: FloatArray, place: int) -> FloatArray:
+    """Return the derivative of a function of numbers (n,) or (pairs, 5) by one of them, as one list."""
+    step = STEPS[place % 5] if at.size > 3 else STEPS[1] if place < 2 else STEPS[0]
+    ends = []
+    for way in (step, -step):
+        moved = at.copy()
+        moved.flat[place] += way
+        ends.append(of(moved).ravel())
+    slope: FloatArray = (ends[0] - ends[1]) / (2.0 * step)
+    return slope
 
 
 @dataclass(frozen=True)
@@ -154,19 +177,36 @@ class PairRayError:
 
 def pair_ray_error(true: PairRays, frames: FloatArray) -> PairRayError:
     """Compute the RMS distance between the true rays and those of other frames (pairs, 5), of all and of each pair."""
-    motion, scale = np.zeros(3), 1.0
-    for _ in range(30):
-        misses = true.distances(_placed(frames, motion, scale))
-        step = np.linalg.lstsq(true.gauge, -misses)[0]
-        # The step turns about the origin after what was moved before.
-        c, s = math.cos(step[2]), math.sin(step[2])
-        motion = np.array([c * motion[0] - s * motion[1] + step[0], s * motion[0] + c * motion[1] + step[1], motion[2] + step[2]])
-        scale *= 1.0 + step[3]
-        if np.abs(step).max() < 1e-12:
-            break
+    motion, scale = _nearest(true, frames, scaled=True)
     misses = true.distances(_placed(frames, motion, scale))
     own = [math.sqrt(float(np.mean(misses[true.of_pair == pair] ** 2))) for pair in range(len(frames))]
     return PairRayError(math.sqrt(float(np.mean(misses**2))), tuple(own), 1.0 / scale - 1.0)
+
+
+def rigid_motion(true: PairRays, frames: FloatArray) -> FloatArray:
+    """Return the motion (3,), x and y in mm and a turn in rad, that brings other frames nearest to the rays."""
+    return _nearest(true, frames, scaled=False)[0]
+
+
+def _nearest(true: PairRays, frames: FloatArray, *, scaled: bool) -> tuple[FloatArray, float]:
+    motion, scale = _turned_alike(true.frames, frames), 1.0
+    gauge = true.gauge if scaled else true.gauge[:, :3]
+    for _ in range(50):
+        misses = true.distances(_placed(frames, motion, scale))
+        step = np.append(np.linalg.lstsq(gauge, -misses)[0], [] if scaled else 0.0)
+        # The step turns about the origin after what was moved before.
+        c, s = math.cos(step[2]), math.sin(step[2])
+        x, y, turn = motion
+        motion = np.array([c * x - s * y + step[0], s * x + c * y + step[1], turn + step[2]])
+        scale *= 1.0 + step[3]
+        if np.abs(step).max() < 1e-12:
+            break
+    return motion, scale
+
+
+def _turned_alike(true: FloatArray, frames: FloatArray) -> FloatArray:
+    """Return a motion that turns the sources as far as they are turned in the mean."""
+    return np.array([0.0, 0.0, float(np.angle(np.exp(1j * (true[:, 0] - frames[:, 0])).sum()))])
 
 
 def _placed(frames: FloatArray, motion: FloatArray, scale: float) -> FloatArray:

@@ -1,0 +1,290 @@
+"""The calibration of a scanner of fixed pairs from passages of one board."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations, pairwise
+
+import numpy as np
+
+from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, SourceFrame, to_vector
+from sawmill_tomography.pairs.coarse import Nominal, Placed, restarted, starts, together
+from sawmill_tomography.pairs.fine import CORNERS, FRAMES, POSES, FineFit
+from sawmill_tomography.pairs.passages import PairData, moved_frames
+from sawmill_tomography.pairs.ray_errors import PairRays, PredictedRays, rigid_motion
+from sawmill_tomography.phantoms.phantom import Phantom
+from sawmill_vocabulary import (
+    LARGEST_ASSUMED_LOG_RADIUS_MM,
+    CellOrder,
+    PairedScanner,
+    Progress,
+    ProgressCallback,
+    Verdict,
+)
+from sawmill_vocabulary.messages import Reason
+from sawmill_vocabulary.pair_messages import PairMessage
+
+# Cells that are combined in the search for the poses, and in the first fit of all.
+COARSE, MIDDLE = 16, 4
+# A drawn corner's standard deviation where it is not stated, mm.
+CORNER_MM = 0.3
+# The order of the cells is certain beyond this number of standard deviations; places are suspect beyond that one.
+CERTAIN, FAR = 5.0, 4.0
+# Rolls that differ by less count as alike, degrees; a share of the shadow above this is no fit.
+ALIKE_DEG, NO_FIT = 15.0, 0.05
+TWO_SIDED_95 = 1.96
+PARAMETERS = ("angle", "source distance", "source to detector", "column of the centre", "tilt")
+
+
+@dataclass(frozen=True, eq=False)
+class PairsTask:
+    """What a calibration of fixed pairs is made from."""
+
+    scanner: PairedScanner
+    board: Phantom  # the drawing, from the side that is seen
+    data: Sequence[PairData]  # of each pair, with the cells in the order of the file
+    from_counts: bool = True
+    corner_mm: float = CORNER_MM
+    tolerance_mm: float = 0.1
+    scale_tolerance_percent: float = 0.5
+    radius_mm: float | None = None  # of the disc in which ray errors count; None: the board's, at most 150 mm
+
+
+@dataclass(frozen=True)
+class FoundPair:
+    """The geometry of one pair in the common frame, which is the one nearest to all nominal places."""
+
+    frame: SourceFrame
+    deviations: tuple[float, ...]  # of (psi, R, SDD, u_c, tau)
+    rays: PredictedRays
+    cell_order: CellOrder
+    order_deviations: float | None  # by which the other order is worse; None where the order was stated
+
+
+@dataclass(frozen=True)
+class FoundPairs:
+    """The calibration of a scanner of fixed pairs."""
+
+    pairs: tuple[FoundPair, ...]
+    rays: PredictedRays  # of all pairs, after the common rigid motion and scale
+    scale_percent_95: float
+    poses: tuple[tuple[float, float, float], ...]  # x, y in mm and roll in rad of the board's middle in each passage
+    corners_mm: float  # RMS by which the drawing's corners are off
+    left_share: float  # RMS of the residual as a share of the shadow's
+    radius_mm: float
+    verdict: Verdict
+    reasons: tuple[Reason, ...]
+
+
+def calibrate_pairs(task: PairsTask, *, on_progress: ProgressCallback = lambda _: None, seed: int = 1) -> FoundPairs:
+    """Find the geometry of all pairs from passages of one board, whose poses are not known.
+
+    Parameters
+    ----------
+    task : PairsTask
+        The nominal places, the drawing and the line integrals.
+    seed : int
+        Seed of the restarts.
+
+    Returns
+    -------
+    FoundPairs
+        Frames in the common frame, bounds of the rays, the scale, and the verdict. docs/do/fixed-pairs.md says what
+        each means.
+
+    Raises
+    ------
+    GeometryError
+        A pair sees nothing of the board, or no start leads to a geometry in front of all sources.
+    """
+    _check(task)
+    board = task.board.moved(*(-value for value in task.board.centroid_mm))
+    nominal = _nominal(task.scanner)
+    on_progress(Progress(fraction=0.05, stage="start"))
+    orders, start = _ordered(board, task, nominal)
+    data = [one.reversed if turned else one for one, turned in zip(task.data, orders.reversed, strict=True)]
+    on_progress(Progress(fraction=0.3, stage="fit"))
+    fit, converged = _fitted(board, data, start, nominal, task, seed)
+    on_progress(Progress(fraction=0.9, stage="bounds"))
+    covariance = fit.covariance()[fit.layout.part(FRAMES), fit.layout.part(FRAMES)]
+    return _found(task, board, fit, covariance, nominal, orders, converged=converged)
+
+
+def _check(task: PairsTask) -> None:
+    """Refuse data that cannot belong to the scanner, and pairs that see nothing."""
+    if len(task.data) != len(task.scanner.pairs):
+        raise GeometryError(f"the scanner has {len(task.scanner.pairs)} pairs, and the scan {len(task.data)}")
+    for number, (one, pair) in enumerate(zip(task.data, task.scanner.pairs, strict=True), 1):
+        if one.cells.count != pair.num_detector_pixels:
+            raise GeometryError(
+                f"pair {number} has {one.cells.count} cells in its scan, and num_detector_pixels is "
+                f"{pair.num_detector_pixels}"
+            )
+        if not (np.ptp(one.lines, axis=-1) > 0.0).all():
+            raise GeometryError(f"pair {number} sees nothing of the board in one of its passages")
+
+
+def _nominal(scanner: PairedScanner) -> Nominal:
+    """Return the nominal places; what they may be off by is two standard deviations."""
+    frames = np.array([to_vector(pair.frame) for pair in scanner.pairs])
+    angles = np.array([math.radians(pair.angle_within_deg) for pair in scanner.pairs])
+    places = np.array([pair.place_within_mm for pair in scanner.pairs])
+    return Nominal(frames, 0.5 * np.stack([angles, places, places, places, angles], -1))
+
+
+@dataclass(frozen=True)
+class _Orders:
+    """Which pairs' cells were read backwards, and by how many standard deviations the other order is worse."""
+
+    reversed: tuple[bool, ...]
+    deviations: tuple[float | None, ...]
+
+
+def _ordered(board: Phantom, task: PairsTask, nominal: Nominal) -> tuple[_Orders, Placed]:
+    """Find the order of the cells where it is not stated, and a start of the fit with it."""
+    coarse = [one.binned(COARSE) for one in task.data]
+    unknown = [number for number, pair in enumerate(task.scanner.pairs) if pair.cell_order is None]
+    stated = tuple(pair.cell_order is CellOrder.CLOCKWISE for pair in task.scanner.pairs)
+    tried: dict[tuple[bool, ...], Placed] = {}
+
+    def fitted(turned: tuple[bool, ...]) -> Placed:
+        if turned not in tried:
+            data = [one.reversed if back else one for one, back in zip(coarse, turned, strict=True)]
+            tried[turned] = starts(board, data, nominal)[0]
+        return tried[turned]
+
+    best = stated
+    for several in (1, 2):
+        improved = True
+        while improved:
+            others = [_flipped(best, places) for places in combinations(unknown, several)]
+            here = min([best, *others], key=lambda turned: fitted(turned).power)
+            improved, best = here != best, here
+        if several == 1 and _share_left(coarse, fitted(best)) < NO_FIT:
+            break
+    start = fitted(best)
+    unit = start.power / max(sum(one.lines.size for one in coarse) - start.frames.size, 1)
+    deviations = tuple(
+        math.sqrt(max(fitted(_flipped(best, (number,))).power - start.power, 0.0) / unit) if number in unknown else None
+        for number in range(len(best))
+    )
+    return _Orders(best, deviations), start
+
+
+def _flipped(turned: tuple[bool, ...], places: Sequence[int]) -> tuple[bool, ...]:
+    return tuple(back != (number in places) for number, back in enumerate(turned))
+
+
+def _share_left(data: Sequence[PairData], placed: Placed) -> float:
+    shadow = sum(float(((one.lines - one.lines.min(axis=-1, keepdims=True)) ** 2).sum()) for one in data)
+    return math.sqrt(placed.power / shadow)
+
+
+def _fitted(
+    board: Phantom, data: list[PairData], start: Placed, nominal: Nominal, task: PairsTask, seed: int
+) -> tuple[FineFit, bool]:
+    """Fit all unknowns, first on some cells together."""
+    middle = [one.binned(MIDDLE) for one in data]
+    placed = restarted(board, middle, together(board, middle, start, nominal), nominal, np.random.default_rng(seed))
+    fit = FineFit(board, middle, placed, from_counts=task.from_counts, corner_mm=task.corner_mm)
+    fit.settle()
+    fit = fit.of_rows(data)
+    fit.solve()
+    fit.weigh()
+    fit.vary_densities()
+    fit.solve()
+    fit.temper()
+    return fit, fit.solve()
+
+
+def _found(
+    task: PairsTask,
+    board: Phantom,
+    fit: FineFit,
+    covariance: FloatArray,
+    nominal: Nominal,
+    orders: _Orders,
+    *,
+    converged: bool,
+) -> FoundPairs:
+    """Move the answer into the common frame, and judge it."""
+    scanners = [pair.scanner for pair in task.scanner.pairs]
+    radius = task.radius_mm or min(LARGEST_ASSUMED_LOG_RADIUS_MM, board.radius_mm)
+    motion = rigid_motion(PairRays(scanners, nominal.frames, radius), fit.placed.frames)
+    rays = PairRays(scanners, moved_frames(fit.placed.frames, motion.tolist()), radius)
+    covariance = rays.without_motion(covariance, motion, fit.placed.frames)
+    deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0)).reshape(-1, 5)
+    turned = [
+        CellOrder.CLOCKWISE if back else CellOrder.COUNTER_CLOCKWISE for back in orders.reversed
+    ]
+    pairs = tuple(
+        FoundPair(
+            SourceFrame.from_vector(rays.frames[number]),
+            tuple(deviations[number].tolist()),
+            rays.predicted(covariance, number),
+            turned[number],
+            orders.deviations[number],
+        )
+        for number in range(len(scanners))
+    )
+    corners = fit.x[fit.layout.part(CORNERS)]
+    poses = _moved_poses(fit.placed.poses, motion)
+    scale = math.hypot(rays.scale_deviation(covariance), board.size_tolerance)
+    found = FoundPairs(
+        pairs,
+        rays.predicted(covariance),
+        100.0 * TWO_SIDED_95 * scale,
+        tuple((float(x), float(y), float(roll)) for x, y, roll in poses),
+        float(np.sqrt(np.mean(corners**2))) if corners.size else 0.0,
+        fit.share_left(),
+        radius,
+        "pass",
+        (),
+    )
+    remarks = list(_remarks(task, found, nominal, converged=converged))
+    verdict: Verdict = min((degree for degree, _ in remarks), key=("fail", "watch", "pass").index, default="pass")
+    order = sorted(remarks, key=lambda remark: ("fail", "watch", "pass").index(remark[0]))
+    return replace(found, verdict=verdict, reasons=tuple(reason for _, reason in order))
+
+
+def _moved_poses(poses: FloatArray, motion: FloatArray) -> FloatArray:
+    """Return poses (passages, 3) in coordinates that are turned and shifted by a motion (3,)."""
+    c, s = math.cos(motion[2]), math.sin(motion[2])
+    x, y, roll = poses.T
+    moved = np.stack([c * x - s * y + motion[0], s * x + c * y + motion[1], roll + motion[2]], -1)
+    moved[:, 2] = np.mod(moved[:, 2], 2.0 * math.pi)
+    return np.asarray(moved)
+
+
+def _remarks(
+    task: PairsTask, found: FoundPairs, nominal: Nominal, *, converged: bool
+) -> Iterator[tuple[Verdict, Reason]]:
+    """Say what is wrong or uncertain, with the verdict that follows."""
+    if found.left_share > NO_FIT:
+        shares = {"left_percent": 100.0 * found.left_share, "allowed_percent": 100.0 * NO_FIT}
+        yield "fail", PairMessage.NO_FIT(**shares)
+    elif not converged:
+        yield "fail", PairMessage.NOT_CONVERGED()
+    if found.rays.upper_95_mm > task.tolerance_mm:
+        sizes = {"rms_mm": found.rays.rms_mm, "upper_mm": found.rays.upper_95_mm, "allowed_mm": task.tolerance_mm}
+        yield "watch", PairMessage.ROLL_AGAIN(passages=len(found.poses), **sizes)
+        rolls = sorted((math.degrees(pose[2]), number) for number, pose in enumerate(found.poses, 1))
+        for (low, first), (high, second) in pairwise(rolls):
+            if high - low < ALIKE_DEG:
+                yield "watch", PairMessage.LIES_ALIKE(first=first, second=second, apart_deg=high - low)
+    if found.scale_percent_95 > task.scale_tolerance_percent:
+        sizes = {"percent": found.scale_percent_95, "allowed_percent": task.scale_tolerance_percent}
+        yield "watch", PairMessage.SCALE(**sizes)
+    for number, (pair, expected) in enumerate(zip(found.pairs, nominal.frames, strict=True), 1):
+        if pair.order_deviations is not None and pair.order_deviations < CERTAIN:
+            yield "watch", PairMessage.ORDER_UNCERTAIN(pair=number, deviations=pair.order_deviations)
+        elif pair.cell_order is CellOrder.CLOCKWISE and pair.order_deviations is not None:
+            yield "pass", PairMessage.BACKWARDS(pair=number, deviations=pair.order_deviations)
+        off = np.abs(to_vector(pair.frame) - expected) / nominal.deviations[number - 1]
+        off[[0, 4]] = np.abs(np.remainder(to_vector(pair.frame) - expected + math.pi, 2.0 * math.pi) - math.pi)[[0, 4]]
+        off[[0, 4]] /= nominal.deviations[number - 1][[0, 4]]
+        if off.max() > FAR:
+            worst = int(np.argmax(off))
+            yield "watch", PairMessage.FAR_AWAY(
+                pair=number, parameter=PARAMETERS[worst], deviations=float(off.max())
+            )

@@ -1,0 +1,67 @@
+"""Messages on the calibration of a scanner of fixed pairs."""
+
+from sawmill_vocabulary.messages import N_, Message
+
+_ROLL = N_("Roll the board by about a quarter of a turn and pass it again, then calibrate with all passages.")
+
+
+class PairMessage(Message):
+    """Reasons of the verdict on a scanner of fixed pairs."""
+
+    ROLL_AGAIN = (
+        "roll-again",
+        N_("Not precise enough yet: the error may be up to %(upper_mm).3f mm, and %(allowed_mm).3f mm is allowed."),
+        _ROLL,
+        N_(
+            "The predicted ray error is %(rms_mm).3f mm (RMS) from %(passages)d passages, with 95 %% below "
+            "%(upper_mm).3f mm."
+        ),
+    )
+    LIES_ALIKE = (
+        "lies-alike",
+        N_("The board lies nearly alike in passages %(first)d and %(second)d."),
+        _ROLL,
+        N_("Its rolls differ by %(apart_deg).0f degrees; the second passage then adds little."),
+    )
+    NO_FIT = (
+        "pairs-no-fit",
+        N_("The passages do not fit this drawing: %(left_percent).1f %% of the shadow is left."),
+        N_("Check the drawing, the side from which the board is seen, and the order of the files."),
+        N_("A fit leaves at most %(allowed_percent).1f %%."),
+    )
+    OTHER_SIDE = (
+        "pairs-other-side",
+        N_("The board seen from the other side fits better."),
+        N_("Check from which side the board is seen, and the order in which each detector's cells count."),
+        N_("It leaves %(other_percent).1f %% of the shadow, this side %(left_percent).1f %%."),
+    )
+    NOT_CONVERGED = (
+        "pairs-not-converged",
+        N_("The fit has not ended."),
+        N_("Pass the board again, or give nominal places that are nearer to the true ones."),
+        "",
+    )
+    BACKWARDS = (
+        "pair-backwards",
+        N_("The cells of pair %(pair)d count clockwise."),
+        "",
+        N_("The other order is worse by %(deviations).0f standard deviations."),
+    )
+    ORDER_UNCERTAIN = (
+        "pair-order-uncertain",
+        N_("It is not certain which way the cells of pair %(pair)d count."),
+        N_("State cell_order of the pair, or pass the board again in another roll."),
+        N_("The other order is worse by only %(deviations).1f standard deviations."),
+    )
+    FAR_AWAY = (
+        "pair-far-away",
+        N_("Pair %(pair)d stands far from its nominal place: %(parameter)s by %(deviations).1f standard deviations."),
+        N_("Check the nominal place of this pair, and the distance between its cells."),
+        "",
+    )
+    SCALE = (
+        "pairs-scale",
+        N_("Sizes are not certain enough: they may be wrong by %(percent).2g %%, and %(allowed_percent).2g %% is allowed."),
+        N_("Measure the board, and give its size with its tolerance."),
+        "",
+    )
