@@ -151,7 +151,7 @@ def outcome(kind: str, number: int, count: int, seed: int) -> Line:
         "scale_uncertainty_percent": found.scale_percent_95,
         "verdict": found.verdict,
         "seconds": seconds,
-        "reasons": [reason.code for reason in found.reasons],
+        "reasons": [code for reason in found.reasons for code in reason.codes],
     }
 
 
@@ -215,23 +215,25 @@ def main() -> None:
     parser.add_argument("--kind", choices=KINDS)
     parser.add_argument("--passages", type=int, nargs="+", default=[1, 2])
     parser.add_argument("--out", type=Path, default=Path("build/fixed_pairs.jsonl"))
-    parser.add_argument("--write", action="store_true")
-    parser.add_argument("--table", type=Path)
-    arguments = parser.parse_args()
-    path = arguments.table or arguments.out
+    way = parser.add_mutually_exclusive_group()
+    way.add_argument("--table", type=Path, metavar="RESULTS", help="only print the table of these results")
+    way.add_argument("--write", action="store_true", help="write the figures of the pages")
+    options = parser.parse_args()
+    measurement = Measurement.begin("worker/sawmill_tomography/pairs") if options.write else None
+    path = options.table or options.out
     lines = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
-    if arguments.table is None:
-        made = {"seed": arguments.seed, "commit": commit()}
+    if options.table is None:
+        made = {"seed": options.seed, "commit": commit()}
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open("a") as out:
-            for each in track([*_missing(lines, arguments)], description="machines"):
-                lines.append(outcome(*each, arguments.seed) | made)
+            for each in track([*_missing(lines, options)], description="machines"):
+                lines.append(outcome(*each, options.seed) | made)
                 out.write(json.dumps(lines[-1]) + "\n")
                 out.flush()
     print(summary(lines)["table"])
-    if arguments.write:
-        check_lines(lines, arguments.seed)
-        Measurement("fixed-pairs", summary(lines)).write()
+    if measurement is not None:
+        check_lines(path, seed=options.seed)
+        measurement.write({"fixed-pairs": summary(lines)}, timed=False)
 
 
 if __name__ == "__main__":

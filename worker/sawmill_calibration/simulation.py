@@ -1,12 +1,14 @@
 """Simulated scans, exact and seeded, in memory or as a file: line integrals, or counts with a mill's physics."""
 
 import json
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import TypeAdapter
 
 from sawmill_calibration.failures import InputError, input_errors_translated, options_of, read_json
 from sawmill_calibration.known_geometry import drawing_of, to_phantom
@@ -15,11 +17,12 @@ from sawmill_contracts.geometry import SimulationOptions
 from sawmill_contracts.phantoms import PhantomDrawing
 from sawmill_formats.input.angles import AngleSteps
 from sawmill_formats.output.scan_writer import write_raw_scan, write_scan
-from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray
+from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, FloatArray, SourceFrame, to_vector
 from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM, log_slices
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.projection.simulate import UNEQUAL_CELLS, SimulatedStack, simulate_rows, simulate_stack
-from sawmill_vocabulary import DataKind, Handedness, Rotation, Scanner, Theta
+from sawmill_tomography.physics.passages import Passage, simulate_passages
+from sawmill_vocabulary import DataKind, Handedness, PairedScanner, Rotation, Scanner, Theta
 from sawmill_vocabulary.physics import Physics
 
 
@@ -133,6 +136,71 @@ def simulate_log_scan(
     angles = _angles_rad(views, angles_deg)
     geometry = FanBeamGeometry(scanner, theta, Rotation(rotation).apply(angles))
     return _scan_of(slices, geometry, angles, noise, background, seed, row_pitch_mm)
+
+
+# How a board lies in simulated passages: places within this of the centre, mm, rolls that differ by this or more, rad,
+# and standard deviations of slopes of place, mm per mm, and roll, rad per mm, along the feed.
+PLACE_MM, APART_RAD, SLOPE, TWIST = 25.0, 0.5, 2e-3, 1e-6
+
+
+def random_passages(count: int, seed: int) -> list[Passage]:
+    """Draw how a body lies in each passage; no two rolls are alike."""
+    rng = np.random.default_rng(seed)
+    while True:
+        rolls = rng.uniform(0.0, TAU, count)
+        apart = np.abs(np.angle(np.exp(1j * (rolls[:, None] - rolls)))) + APART_RAD * np.eye(count)
+        if (apart >= min(APART_RAD, TAU / (2 * count))).all():
+            break
+    drawn = zip(rng.uniform(-PLACE_MM, PLACE_MM, (count, 2)), rolls, SLOPE * rng.standard_normal((count, 2)), strict=True)
+    return [
+        Passage((float(x), float(y)), float(roll), (float(dx), float(dy)), float(TWIST * rng.standard_normal()))
+        for (x, y), roll, (dx, dy) in drawn
+    ]
+
+
+def write_passages(
+    path: Path,
+    body: Phantom,
+    scanner: PairedScanner,
+    physics: Physics | None = None,
+    *,
+    passages: int,
+    rows: int,
+    row_pitch_mm: float,
+    off_mm: float,
+    photons: float,
+    seed: int,
+) -> list[Path]:
+    """Simulate passages of a body through fixed pairs into a file of counts for each pair; return the files.
+
+    The true places of the pairs are off the scanner's by `off_mm`, and by a tenth of as many degrees (standard
+    deviations); the file beside the scans, with `-true.json` at the end of its name, has them as a scanner.
+    """
+    rng = np.random.default_rng((seed, passages))
+    spread = off_mm * np.array([math.radians(0.1), 1.0, 1.0, 1.0, math.radians(0.1)])
+    frames = [SourceFrame.from_vector(to_vector(pair.frame) + spread * rng.standard_normal(5)) for pair in scanner.pairs]
+    drawn = body.moved(*(-value for value in body.centroid_mm))
+    passed = simulate_passages(
+        drawn,
+        scanner,
+        frames,
+        random_passages(passages, seed),
+        physics or UNEQUAL_CELLS,
+        rows=rows,
+        row_pitch_mm=row_pitch_mm,
+        photons=photons,
+        seed=seed,
+    )
+    files = [path.with_name(f"{path.stem}-{number}{path.suffix}") for number in range(1, len(passed) + 1)]
+    for file, pair, one in zip(files, scanner.pairs, passed, strict=True):
+        flats, darks = (np.repeat(fields[:, None], rows, axis=1) for fields in (one.flats, one.darks))
+        stack = SimulatedStack(one.counts, flats, darks)
+        still = np.zeros(passages)
+        write_simulated_scan(file, stack, still, detector_pitch_mm=pair.detector_pitch_mm, row_pitch_mm=row_pitch_mm)
+    true = PairedScanner(tuple(pair.at(frame) for pair, frame in zip(scanner.pairs, frames, strict=True)))
+    beside = path.with_name(f"{path.stem}-true.json")
+    beside.write_bytes(TypeAdapter(PairedScanner).dump_json(true, indent=2) + b"\n")
+    return files
 
 
 def _check(**numbers: float) -> None:

@@ -4,10 +4,11 @@ Axes, signs and formulas: docs/look-up/conventions.md#pairs.
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Self
 
 from sawmill_vocabulary.choices import CellOrder
-from sawmill_vocabulary.geometry import LARGEST_MM, DetectorModule, GeometryError, Scanner, SourceFrame
+from sawmill_vocabulary.geometry import LARGEST_MM, TAU, DetectorModule, GeometryError, Scanner, SourceFrame
 from sawmill_vocabulary.outlines import AsContract
 
 FEWEST_PAIRS, MOST_PAIRS = 2, 6
@@ -112,6 +113,17 @@ class FixedPair(AsContract):
             self.detector_pitch_mm,
             self.detector_modules,
             self.detector_arc_radius_mm,
+        )
+
+    def at(self, frame: SourceFrame) -> Self:
+        """Return the pair with this nominal place."""
+        return replace(
+            self,
+            angle_deg=math.degrees(math.remainder(frame.psi_rad, TAU)),
+            source_distance_mm=frame.source_distance_mm,
+            source_to_detector_mm=frame.source_to_detector_mm,
+            cor_column_mm=frame.cor_column_mm,
+            detector_tilt_deg=math.degrees(frame.tilt_rad),
         )
 
     @property

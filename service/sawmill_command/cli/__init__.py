@@ -20,4 +20,4 @@ COMMANDS = {
         "compile",
         "phantom",
     )
-} | {"image-quality": f"{__name__}.reconstruct"}
+} | {"image-quality": f"{__name__}.reconstruct", "calibrate-pairs": f"{__name__}.calibrate_pairs"}

@@ -2,7 +2,7 @@
 # ruff: noqa: PLC0415 - imports inside the command: its help needs none
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -19,12 +19,18 @@ from sawmill_worker.commands.options import (
     body_or_phantom,
     check_width,
 )
-from sawmill_worker.commands.terminal import Command, answering, say
+from sawmill_worker.commands.terminal import Command, OneOf, answering, say
 
 app = typer.Typer()
 
 
-@app.command(cls=Command)
+class OfGeometry(Command):
+    """A simulation turns the body before one pair, or passes it through several."""
+
+    one_of = OneOf(("theta", "pairs"), "the geometry")
+
+
+@app.command(cls=OfGeometry)
 @from_contracts
 def simulate(
     body: Annotated[
@@ -36,9 +42,17 @@ def simulate(
             help="A phantom (as --phantom), log, or log-with-phantom, whose first rows show a phantom.",
         ),
     ],
-    theta: Annotated[Theta, ThetaFlag],
     output: shared.Result,
     scanner: Annotated[ScannerConstants, Flags(**shared.PUBLISHED_SCANNER, row_pitch_mm={"default": 2.0})],
+    theta: Annotated[Theta | None, ThetaFlag] = None,
+    pairs: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", exists=True, dir_okay=False, help="Fixed pairs, through which a phantom passes."),
+    ] = None,
+    passages: Annotated[int, typer.Option(min=1, max=8, help="Passages through the pairs, each in another roll.")] = 2,
+    places_off_mm: Annotated[
+        float, typer.Option(min=0, max=100, help="How far the pairs truly stand from the file's places, mm.")
+    ] = 0.0,
     data: Annotated[DataKind, option(shared.ScanOptions, "data")] = DataKind.COUNTS,
     angles_deg: Annotated[
         str | None, typer.Option(metavar="START:STEP", help="A full turn from half a step by default.")
@@ -79,6 +93,11 @@ def simulate(
         raise typer.BadParameter("--physics makes counts: leave --data line-integrals out.")
     drawn = phantom if body in set(PhantomShape) else body
     check_width(drawn, phantom_width_mm)
+    if pairs is not None:
+        _write_passages(pairs, body, handedness, phantom_width_mm, physics, output=output, passages=passages, rows=rows,
+            row_pitch_mm=scanner.row_pitch_mm or 2.0, off_mm=places_off_mm, photons=photons, seed=seed)  # fmt: skip
+        return
+    assert theta is not None
     with answering():
         import numpy as np
 
@@ -103,3 +122,27 @@ def simulate(
             effects = None if physics is None else simulation.read_physics(physics)
             simulation.write_counts(*body_seen, effects, photons=photons, seed=seed, row_pitch_mm=pitch)
     say(f"{views} views, {rows} row(s), {scanner.num_detector_pixels} cells: {output}")
+
+
+def _write_passages(
+    pairs: Path,
+    body: str,
+    handedness: Handedness,
+    width_mm: float | None,
+    physics: Path | None,
+    *,
+    output: Path,
+    **settings: Any,  # noqa: ANN401 - of `write_passages`
+) -> None:
+    """Simulate a phantom's passages through fixed pairs, a file for each."""
+    if body in set(PhantomShape):
+        raise typer.BadParameter(f"--pairs passes a phantom, not {body!r}: name a phantom or its drawing.")
+    with answering():
+        from sawmill_calibration import simulation
+        from sawmill_calibration.calibration.fixed_pairs import read_paired_scanner
+        from sawmill_calibration.known_geometry import drawing_of
+
+        [drawn] = simulation.phantom_slices(drawing_of(body, width_mm), 1, handedness, (0.0, 0.0), as_wood=True)
+        effects = None if physics is None else simulation.read_physics(physics)
+        files = simulation.write_passages(output, drawn, read_paired_scanner(pairs), effects, **settings)
+    say(f"{settings['passages']} passages, {settings['rows']} row(s): {', '.join(map(str, files))}")

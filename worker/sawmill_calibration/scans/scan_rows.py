@@ -37,6 +37,7 @@ class ScanSource:
     angles: AnglesGiven | None = None
     views: int | None = None
     rows: str | None = None
+    turns: bool = True  # False: the views are passages through a fixed pair
 
 
 @contextmanager
@@ -201,6 +202,7 @@ def _prepared_rows(
             row_pitch_mm=source.options.row_pitch_mm,
             rows_missing=source.options.align_rows is not RowAlignment.OFF,
             averaged_rows=source.options.averaged_rows,
+            turns=source.turns,
         )
         with links_offered(followed=source.options.follow_links), reading as read:
             if read.detector_pitch_mm is None:

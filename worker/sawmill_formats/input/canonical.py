@@ -142,6 +142,7 @@ class CanonicalScan:
     others: tuple[Path, ...] = ()  # further files that were read
     detector_modules: tuple[DetectorModule, ...] = ()  # modules of the detector after the first
     averaged: AveragedRows | None = None  # for a scan whose one row is a mean over rows: masked rays are NaN
+    turns: bool = True  # False: the views are passages through a fixed pair, whose angles say nothing
 
     def __post_init__(self) -> None:
         check_scan(self)
@@ -263,7 +264,7 @@ def check_scan(scan: CanonicalScan) -> None:
     """Refuse a scan whose parts do not agree, with one sentence that names the first thing wrong."""
     _check_shapes(scan)
     plausible.check_angles(np.rad2deg(scan.angles_rad))
-    standing = np.abs(np.remainder(np.diff(scan.angles_rad) + np.pi, 2 * np.pi) - np.pi) < SAME_DIRECTION_RAD
+    standing = scan.turns & (np.abs(np.remainder(np.diff(scan.angles_rad) + np.pi, 2 * np.pi) - np.pi) < SAME_DIRECTION_RAD)
     if standing.any():
         view = int(np.argmax(standing))
         raise UnreadableScan(
@@ -301,7 +302,7 @@ def _check_shapes(scan: CanonicalScan) -> None:
             f"projections must be (views, rows, detector) and at least 1 of each, not of shape {scan.shape}{none}",
         )
     views, *of_view = scan.shape
-    if views < 3:
+    if views < 3 and scan.turns:
         raise UnreadableScan("wrong-shape", f"a scan needs at least 3 views and this one has {views}")
     if scan.shape[2] < 2:
         raise UnreadableScan("wrong-shape", f"a view needs at least 2 cells and these have {scan.shape[2]}")

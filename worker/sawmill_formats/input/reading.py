@@ -56,6 +56,7 @@ def reading_scan(
     row_pitch_mm: float | None = None,
     rows_missing: bool = False,
     averaged_rows: int | None = None,
+    turns: bool = True,
     transpose: bool = False,
     axes: str | None = None,
     flats: Path | None = None,
@@ -84,6 +85,8 @@ def reading_scan(
         Whether views may lack rows at the top or the bottom: NaN in every cell, for counts also zero. They become NaN.
     averaged_rows : int, optional
         The number of detector rows whose line integrals were averaged into the one row of the file.
+    turns : bool
+        Whether the object turns; else the views are passages through a fixed pair, and their angles are not read.
     transpose : bool
         Whether the file has the axes in reverse order, (detector, views) or (detector, rows, views).
     axes : str, optional
@@ -130,6 +133,7 @@ def reading_scan(
             row_pitch_mm=row_pitch_mm,
             rows_missing=rows_missing,
             averaged_rows=averaged_rows,
+            turns=turns,
         )
 
 
@@ -188,14 +192,15 @@ def canonical_scan(
     row_pitch_mm: float | None = None,
     rows_missing: bool = False,
     averaged_rows: int | None = None,
+    turns: bool = True,
 ) -> CanonicalScan:
     """Build the scan from a file's contents, compared with the client's parameters; parameters as in `reading_scan`."""
     projections = contents.projections
     dimensions = len(projections.shape)
-    angles, remarks = agree_on_angles(contents, angles_deg)
+    angles, remarks = agree_on_angles(contents, angles_deg) if turns else (np.zeros(projections.shape[0]), ())
     pitch_mm = agree_on_pitch("detector_pitch_mm", contents.pitch, detector_pitch_mm)
     row_pitch_mm = agree_on_pitch("row_pitch_mm", contents.row_pitch, row_pitch_mm)
-    remarks = (*remarks, *unit_of_angles_asked(angles, contents.angles.unit))
+    remarks = (*remarks, *(unit_of_angles_asked(angles, contents.angles.unit) if turns else ()))
     if pitch_mm is not None and pitch_mm > WIDEST_CELL_MM:
         remarks += (ReadingMessage.PITCH_ASKED(pitch_mm=pitch_mm, largest_mm=WIDEST_CELL_MM),)
     remarks += _darks_lacking(contents) if counts else ()
@@ -224,6 +229,7 @@ def canonical_scan(
         unused=contents.unused,
         others=contents.others,
         detector_modules=contents.detector_modules,
+        turns=turns,
         averaged=(
             None if averaged_rows is None else AveragedRows.of(averaged_rows, projections.shape, contents.deviations)
         ),

@@ -8,7 +8,7 @@ from itertools import combinations, pairwise
 import numpy as np
 
 from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, SourceFrame, to_vector
-from sawmill_tomography.pairs.coarse import Nominal, Placed, restarted, starts, together
+from sawmill_tomography.pairs.coarse import Nominal, Placed, likely, restarted, starts, together
 from sawmill_tomography.pairs.fine import CORNERS, FRAMES, POSES, FineFit
 from sawmill_tomography.pairs.passages import PairData, moved_frames
 from sawmill_tomography.pairs.ray_errors import PairRays, PredictedRays, rigid_motion
@@ -101,10 +101,10 @@ def calibrate_pairs(task: PairsTask, *, on_progress: ProgressCallback = lambda _
     board = task.board.moved(*(-value for value in task.board.centroid_mm))
     nominal = _nominal(task.scanner)
     on_progress(Progress(fraction=0.05, stage="start"))
-    orders, start = _ordered(board, task, nominal)
+    orders, several = _ordered(board, task, nominal)
     data = [one.reversed if turned else one for one, turned in zip(task.data, orders.reversed, strict=True)]
     on_progress(Progress(fraction=0.3, stage="fit"))
-    fit, converged = _fitted(board, data, start, nominal, task, seed)
+    fit, converged = _fitted(board, data, several, nominal, task, seed)
     on_progress(Progress(fraction=0.9, stage="bounds"))
     covariance = fit.covariance()[fit.layout.part(FRAMES), fit.layout.part(FRAMES)]
     return _found(task, board, fit, covariance, nominal, orders, converged=converged)
@@ -140,18 +140,18 @@ class _Orders:
     deviations: tuple[float | None, ...]
 
 
-def _ordered(board: Phantom, task: PairsTask, nominal: Nominal) -> tuple[_Orders, Placed]:
-    """Find the order of the cells where it is not stated, and a start of the fit with it."""
+def _ordered(board: Phantom, task: PairsTask, nominal: Nominal) -> tuple[_Orders, list[Placed]]:
+    """Find the order of the cells where it is not stated, and starts of the fit with it, the best first."""
     coarse = [one.binned(COARSE) for one in task.data]
     unknown = [number for number, pair in enumerate(task.scanner.pairs) if pair.cell_order is None]
     stated = tuple(pair.cell_order is CellOrder.CLOCKWISE for pair in task.scanner.pairs)
-    tried: dict[tuple[bool, ...], Placed] = {}
+    tried: dict[tuple[bool, ...], list[Placed]] = {}
 
     def fitted(turned: tuple[bool, ...]) -> Placed:
         if turned not in tried:
             data = [one.reversed if back else one for one, back in zip(coarse, turned, strict=True)]
-            tried[turned] = starts(board, data, nominal)[0]
-        return tried[turned]
+            tried[turned] = starts(board, data, nominal)
+        return tried[turned][0]
 
     best = stated
     for several in (1, 2):
@@ -168,7 +168,7 @@ def _ordered(board: Phantom, task: PairsTask, nominal: Nominal) -> tuple[_Orders
         math.sqrt(max(fitted(_flipped(best, (number,))).power - start.power, 0.0) / unit) if number in unknown else None
         for number in range(len(best))
     )
-    return _Orders(best, deviations), start
+    return _Orders(best, deviations), tried[best]
 
 
 def _flipped(turned: tuple[bool, ...], places: Sequence[int]) -> tuple[bool, ...]:
@@ -181,13 +181,17 @@ def _share_left(data: Sequence[PairData], placed: Placed) -> float:
 
 
 def _fitted(
-    board: Phantom, data: list[PairData], start: Placed, nominal: Nominal, task: PairsTask, seed: int
+    board: Phantom, data: list[PairData], several: list[Placed], nominal: Nominal, task: PairsTask, seed: int
 ) -> tuple[FineFit, bool]:
-    """Fit all unknowns, first on some cells together."""
-    middle = [one.binned(MIDDLE) for one in data]
-    placed = restarted(board, middle, together(board, middle, start, nominal), nominal, np.random.default_rng(seed))
-    fit = FineFit(board, middle, placed, from_counts=task.from_counts, corner_mm=task.corner_mm)
-    fit.settle()
+    """Fit all unknowns, first on some cells together, from each start that may be the right one."""
+    middle, rng = [one.binned(MIDDLE) for one in data], np.random.default_rng(seed)
+    fits = []
+    for start in likely(several):
+        placed = restarted(board, middle, together(board, middle, start, nominal), nominal, rng)
+        fits.append(FineFit(board, middle, placed, from_counts=task.from_counts, corner_mm=task.corner_mm))
+        fits[-1].settle()
+    # Each fit has measured its own noise: they are compared by the same.
+    fit = min(fits, key=lambda one: one.power_by(fits[0]))
     fit = fit.of_rows(data)
     fit.solve()
     fit.weigh()

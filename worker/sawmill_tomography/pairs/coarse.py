@@ -25,6 +25,8 @@ _LINEAR = [GramTerm.SHADOW, GramTerm.ONE]
 _OTHERS = [*range(7), GramTerm.DATA]
 # Sizes of moves from which a fit starts again: of the nominal places' standard deviations, and of a pose, mm and rad.
 KICKS, POSE_KICK = (0.1, 0.3, 0.6), np.array([20.0, 20.0, 0.1])
+# Starts with up to this times the least power may be right; so many are followed.
+NEARLY, MOST = 2.0, 3
 # Where two poses are nearer than this, one is the other: mm and rad.
 SAME_MM, SAME_RAD = 3.0, 0.02
 
@@ -217,6 +219,16 @@ def starts(board: Phantom, data: Sequence[PairData], nominal: Nominal) -> list[P
         together(board, data, Placed(nominal.frames, poses, power), nominal) for power, poses in sets[:TOGETHER]
     ]
     return sorted(fitted, key=lambda each: each.power)
+
+
+def likely(several: Sequence[Placed]) -> list[Placed]:
+    """Return the starts, the best first, that explain the data nearly as well and lead elsewhere."""
+    chosen: list[Placed] = []
+    for placed in several:
+        apart = [np.abs(placed.frames - other.frames)[:, 1:4].max() > SAME_MM for other in chosen]
+        if placed.power < NEARLY * several[0].power and all(apart):
+            chosen.append(placed)
+    return chosen[:MOST]
 
 
 def restarted(

@@ -22,13 +22,11 @@ from sawmill_tomography.pairs.coarse import Placed, possible
 from sawmill_tomography.pairs.passages import PairData, by_pose, seen_by_views
 from sawmill_tomography.phantoms.phantom import Disc, Phantom, Shape
 from sawmill_tomography.sinograms.scattered_radiation import halo
+from sawmill_tomography.statistics import robust_deviation
 
-# Unknowns of the board's wood, alike for all pairs, and of each pair: standard deviations of the priors,
-# those of hardening for the change at the longest path, as a share of it.
+# Unknowns of the board's wood, alike for all pairs, and of each pair: standard deviations of the priors.
 OF_WOOD = {Term.ASPECT: 3e-3, Term.SHEAR: 3e-3, Term.CORNERS: 9.0, Term.GRADIENT_X: 5e-4, Term.GRADIENT_Y: 5e-4}
 OF_PAIR = {
-    Term.HARDENING: 0.3,
-    Term.HARDENING_CUBIC: 0.1,
     Term.BLUR: 2.0,
     Term.SLOPE: 0.01,
     Term.CURVATURE: 0.01,
@@ -38,16 +36,18 @@ ROUND_STEP, BLUR_STEP, CORNER_STEP_MM = 1.0, 0.05, 0.05
 # Scatter of the intensity that wood takes out of the beam: halos with these standard deviations on the detector, and
 # the mean of the view; of each pair.
 HALOS_MM, SCATTER = (25.0, 75.0, 200.0), 0.05
-# The factor of the fourth power of the lengths, by which the beam hardens too.
-QUARTIC = 0.03
-OF_OPTICS = len(OF_PAIR) + len(HALOS_MM) + 2
+# Hardening of the beam: what the second, third and fourth power of the line integral add at the longest path, as a
+# share of it.
+BENDS = (0.3, 0.1, 0.03)
+SCATTERED = slice(len(OF_PAIR), len(OF_PAIR) + len(HALOS_MM) + 1)
+BENT = slice(SCATTERED.stop, SCATTERED.stop + len(BENDS))
+OF_OPTICS = BENT.stop
 # Of each view: gain, relative to the first estimate, and offset.
 OF_VIEW = (0.3, 0.02)
 # A traced drawing with more corners keeps its shape up to stretching and shearing.
 MOST_CORNERS = 24
-# mm, or rad: derivatives by the corners hold where nothing has moved more.
-MOVED = 2.0
-STEPS, CONVERGED = 15, 1e-4
+# A step that lowers the power by less, in variances of a sample, is the last.
+STEPS, CONVERGED = 20, 0.1
 # Neighbouring cells whose residuals are compared.
 LAGS = 24
 
@@ -117,9 +117,7 @@ class FineFit:
         deviations = np.full(self.layout.size, np.inf)
         deviations[self.layout.part(WOOD)] = [*OF_WOOD.values()]
         deviations[self.layout.part(CORNERS)] = corner_mm
-        of_pair = np.array([*OF_PAIR.values(), *[SCATTER] * (len(HALOS_MM) + 1), QUARTIC])
-        longest = 2.0 * max(float(abs(shape.density)) for shape in board.shapes) * board.radius_mm
-        of_pair[[0, 1, -1]] /= longest ** np.arange(1.0, 4.0)
+        of_pair = [*OF_PAIR.values(), *[SCATTER] * (len(HALOS_MM) + 1), *BENDS]
         deviations[self.layout.part(OPTICS)] = np.tile(of_pair, len(data))
         deviations[self.layout.part(VIEWS)] = [*OF_VIEW] * (len(data) * passages)
         deviations[self.layout.part(PATCHES)] = LEAST_VARIATION
@@ -130,8 +128,10 @@ class FineFit:
         self.lines = [one.lines.reshape(-1, one.cells.count) for one in data]
         self.patches = [np.zeros((0, *lines.shape)) for lines in self.lines]
         self.weights = [np.ones_like(lines) for lines in self.lines]
-        self._of_densities, self._of_corners = dict[int, FloatArray](), dict[int, tuple[FloatArray, FloatArray]]()
+        self.shares = [np.zeros(one.cells.count) for one in data]
+        self._of_densities = dict[int, FloatArray]()
         self.attenuation = [self._attenuation(number) for number in range(len(data))]
+        self.longest = [float(np.ptp(lines)) for lines in self.lines]
         self.weigh()
 
     def _attenuation(self, number: int) -> float:
@@ -145,7 +145,7 @@ class FineFit:
         fit = FineFit(self.board, data, self.placed, from_counts=self.from_counts, corner_mm=self.corner_mm)
         for part in (WOOD, CORNERS, OPTICS, VIEWS):
             fit.x[fit.layout.part(part)] = self.x[self.layout.part(part)]
-        fit.attenuation = self.attenuation
+        fit.attenuation, fit.longest = self.attenuation, self.longest
         fit.weigh()
         return fit
 
@@ -192,7 +192,7 @@ class FineFit:
     def prediction(self, x: FloatArray, number: int, model: ScanModel | None = None) -> FloatArray:
         """Return the line integrals (views, cells) that one pair should measure."""
         primary = self._primary(x, number, self.model(x, number) if model is None else model)
-        scatter = self._optics(x, number)[len(OF_PAIR) : -1]
+        scatter = self._optics(x, number)[SCATTERED]
         if not scatter.any():
             return primary
         added = np.tensordot(scatter, self._halos(primary, number), 1)
@@ -200,9 +200,20 @@ class FineFit:
 
     def _primary(self, x: FloatArray, number: int, model: ScanModel) -> FloatArray:
         """Return the line integrals of one pair without scatter."""
-        lines = model.prediction + self._optics(x, number)[-1] * model.gain * model.lengths**4
+        straight = self._straight(number, model)
+        lines = model.prediction + sum(bend * row for bend, row in zip(self._optics(x, number)[BENT], self._bent(number, straight), strict=True))
         densities = x[self.layout.part(PATCHES)][: len(self.patches[number])]
         return lines + np.tensordot(densities, self.patches[number], 1) if densities.size else lines
+
+    def _straight(self, number: int, model: ScanModel) -> FloatArray:
+        """Return the line integrals of a beam that does not harden, by the pair's attenuation, (views, cells)."""
+        slopes = model.size(Term.SLOPE) * model.across + model.size(Term.CURVATURE) * model.across**2
+        return np.asarray((model.prediction - model.offset - slopes) * (self.attenuation[number] / model.gain))
+
+    def _bent(self, number: int, straight: FloatArray) -> FloatArray:
+        """Return what hardening adds for each of its powers, (powers, views, cells)."""
+        share = straight / self.longest[number]
+        return np.stack([straight * share, straight * share**2, straight * share**3])
 
     def _halos(self, lines: FloatArray, number: int) -> FloatArray:
         """Return the intensities that scatter adds for each of its kinds, as a share of the cell's own."""
@@ -221,15 +232,31 @@ class FineFit:
             data = SinogramData(lines, np.zeros(len(lines)), self.data[number].cells)
             variance = sample_noise(data, lines - predicted, predicted).variance
             least = max(LEAST_NOISE * float(variance.mean()), (1e-6 * float(np.ptp(lines))) ** 2)
-            self.weights[number] = 1.0 / np.maximum(variance, least)
+            stripes = striped(lines - predicted)
+            self.weights[number] = 1.0 / np.maximum(variance - stripes, np.maximum(OWN_SHARE * variance, least))
+            self._set_stripes(number, stripes)
         self._of_densities = {}
+
+    def _set_stripes(self, number: int, variance: float) -> None:
+        """Set how much of each cell's sum over the views is due to what its flat field leaves in all views alike."""
+        self.shares[number] = variance / (1.0 + variance * self.weights[number].sum(axis=0))
 
     def power(self, x: FloatArray) -> float:
         """Return the weighted sum of squares of the residual, and of the departures from the priors."""
         total = float(self.precision @ (x - self.held) ** 2)
         for number, weights in enumerate(self.weights):
-            total += float((weights * self.residual(x, number) ** 2).sum())
+            residual = self.residual(x, number)
+            weighted = weights * residual
+            total += float((weighted * residual).sum() - self.shares[number] @ weighted.sum(axis=0) ** 2)
         return total
+
+    def power_by(self, other: "FineFit") -> float:
+        """Return the power of this fit with the weights of another."""
+        own = self.weights, self.shares
+        self.weights, self.shares = other.weights, other.shares
+        power = self.power(self.x)
+        self.weights, self.shares = own
+        return power
 
     def columns(self, x: FloatArray, number: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the places of the unknowns of one pair, their columns (n, views, cells), and the residual.
@@ -239,20 +266,22 @@ class FineFit:
         layout, model = self.layout, self.model(x, number)
         predicted = self.prediction(x, number, model)
         rows, views, passages = model.deformations, len(model.gain), layout.passages
-        soft = self._softening(model, predicted)
-        chain = model.gain * (1.0 + model.lengths * (2.0 * model.size(Term.HARDENING)
-            + 3.0 * model.size(Term.HARDENING_CUBIC) * model.lengths))  # fmt: skip
+        flat = self._unscattered(predicted, self._primary(x, number, model))
+        soft = self._softening(model, flat)
+        straight = self._straight(number, model)
+        share = straight / self.longest[number]
+        steeper = np.polynomial.polynomial.polyval(share, [0.0, *self._optics(x, number)[BENT] * [2.0, 3.0, 4.0]])
+        chain = model.gain + self.attenuation[number] * steeper
         of_passage = np.repeat(np.eye(passages), views // passages, axis=1)[:, None, :, None]
         heights = np.tile(self.data[number].heights_mm, passages)[:, None]
         pose = soft(chain * by_pose(self._poses(x, number), rows[0], rows[5:7]))
         poses = (of_passage * pose).reshape(-1, *predicted.shape)
-        wood = np.stack([*(chain * [rows[10], rows[11], self._rounding(x, number, model)]), *(model.gain * rows[8:10])])
+        wood = np.stack([*(chain * [rows[10], rows[11], self._rounding(x, number, model)]), *(chain * rows[8:10])])
         wood = soft(wood)
         corners = soft(chain * self._moved_corners(x, number, model))
-        bent = soft(model.gain * np.stack([model.lengths**2, model.lengths**3]))
         blurred = (self.prediction(self._changed(x, number, Term.BLUR, BLUR_STEP), number) - predicted) / BLUR_STEP
-        flat = self._unscattered(model, predicted)
-        optics = [*bent, blurred, flat * model.across, flat * model.across**2, *self._by_scatter(x, number, model), model.gain * flat * model.lengths**4]
+        bent = flat * self._bent(number, straight)
+        optics = [blurred, flat * model.across, flat * model.across**2, *self._by_scatter(x, number, model), *bent]
         gains = soft(np.stack([model.sharp - model.offset, np.ones_like(predicted)]))
         gains[0] *= self.attenuation[number] / model.gain
         of_views = (of_passage * gains).reshape(-1, *predicted.shape)
@@ -278,20 +307,12 @@ class FineFit:
         return np.asarray((more.lengths - model.lengths) / ROUND_STEP)
 
     def _moved_corners(self, x: FloatArray, number: int, model: ScanModel) -> FloatArray:
-        """Return the derivatives of the lengths by the places of the corners, (coordinates, views, cells).
-
-        They are made again where the pair or a pose has moved.
-        """
-        place = np.concatenate([self._placed(x).frames[number], self._placed(x).poses.ravel()])
-        kept = self._of_corners.get(number)
-        if kept is not None and np.abs(place - kept[0]).max() < MOVED:
-            return kept[1]
+        """Return the derivatives of the lengths by the places of the corners, (coordinates, views, cells)."""
         corners = x[self.layout.part(CORNERS)]
         moved = np.zeros((corners.size, *model.lengths.shape))
         for one, step in enumerate(CORNER_STEP_MM * np.eye(corners.size)):
             there = replace(model, drawing=with_corners(self.board, corners + step))
             moved[one] = (there.lengths - model.lengths) / CORNER_STEP_MM
-        self._of_corners[number] = place, moved
         return moved
 
     def _by_scatter(self, x: FloatArray, number: int, model: ScanModel) -> FloatArray:
@@ -299,17 +320,16 @@ class FineFit:
         if not self.from_counts:
             return np.zeros((len(HALOS_MM) + 1, *model.lengths.shape))
         halos = self._halos(self._primary(x, number, model), number)
-        added = np.tensordot(self._optics(x, number)[len(OF_PAIR) : -1], halos, 1)
+        added = np.tensordot(self._optics(x, number)[SCATTERED], halos, 1)
         return np.asarray(-halos / (1.0 + np.maximum(added, LEAST_ADDED)))
 
-    def _unscattered(self, model: ScanModel, predicted: FloatArray) -> FloatArray:
+    def _unscattered(self, predicted: FloatArray, primary: FloatArray) -> FloatArray:
         """Return the part of the intensity that is not scattered, (views, cells)."""
-        return np.exp(predicted - model.prediction) if self.from_counts else np.ones_like(predicted)
+        return np.asarray(np.exp(predicted - primary))
 
-    def _softening(self, model: ScanModel, predicted: FloatArray) -> Callable[[FloatArray], FloatArray]:
+    def _softening(self, model: ScanModel, unscattered: FloatArray) -> Callable[[FloatArray], FloatArray]:
         """Return the map from changes of sharp line integrals to changes of the prediction, to first order."""
         before, after = (np.exp(-model.exposed), np.exp(model.blurred)) if self.from_counts else (1.0, 1.0)
-        unscattered = self._unscattered(model, predicted)
 
         def soft(rows: FloatArray) -> FloatArray:
             if model.taps.size:
@@ -326,7 +346,14 @@ class FineFit:
             flat = columns.reshape(len(columns), -1)
             normal[np.ix_(places, places)] += self._products(flat, number)
             score[places] += flat @ residual.ravel()
+            sums, shared = self._sums(columns, number), self.shares[number]
+            normal[np.ix_(places, places)] -= (sums * shared) @ sums.T
+            score[places] -= (sums * shared) @ self._sums(residual, number)
         return normal, score
+
+    def _sums(self, rows: FloatArray, number: int) -> FloatArray:
+        """Return the sums (..., cells) over the views of rows that are times the root of the weights."""
+        return np.asarray((rows * np.sqrt(self.weights[number])).sum(axis=-2))
 
     def _products(self, columns: FloatArray, number: int) -> FloatArray:
         """Return the products (n, n) of columns (n, samples); those of the patches, the last, are made once."""
@@ -351,7 +378,7 @@ class FineFit:
             else:
                 return True
             self.x, gained, before, damping = there, before - after, after, 0.1 * damping
-            if gained < CONVERGED * self.layout.size:
+            if gained < CONVERGED:
                 return True
         return False
 
@@ -397,7 +424,8 @@ class FineFit:
             model = self.model(self.x, number)
             predicted, body = self.prediction(self.x, number, model), model.drawing
             lengths = [model.project(replace(body, shapes=shapes)) for shapes in wood_patches(body)]
-            rows = self._softening(model, predicted)(model.gain * np.array(lengths))
+            soft = self._softening(model, self._unscattered(predicted, self._primary(self.x, number, model)))
+            rows = soft(model.gain * np.array(lengths))
             self.patches[number] = rows
         self._of_densities = {}
         self.x[self.layout.part(PATCHES)] = 0.0
@@ -421,6 +449,7 @@ class FineFit:
         shared = correlation([_of_groups(one, groups) for one in residuals])
         excess = max(1.0, 1.0 + float(shared[0] + 2.0 * shared[1:].sum()))
         self.weights, self._of_densities = [weights / excess for weights in self.weights], {}
+        self.shares = [shares * excess for shares in self.shares]
 
     def covariance(self) -> FloatArray:
         """Return the covariance of all unknowns: what neighbouring cells share in the residual counts once."""
@@ -430,9 +459,10 @@ class FineFit:
         groups = self.data[0].lines.shape[1]
         means = [_of_groups(residual, groups) for _, _, residual in parts]
         shared = correlation(means)
-        for places, columns, _ in parts:
+        for number, (places, columns, _) in enumerate(parts):
             flat = columns.reshape(len(columns), -1)
-            product = flat @ flat.T
+            sums = self._sums(columns, number)
+            product = flat @ flat.T - (sums * self.shares[number]) @ sums.T
             normal[np.ix_(places, places)] += product
             spread[np.ix_(places, places)] += product
             together = _of_groups(columns, groups)
@@ -448,6 +478,21 @@ LEAST_VARIATION, HELD = 1e-4, 1e14
 LEAST_SIZE = 1e-3
 # At least 5 % of the intensity remain.
 LEAST_ADDED = -0.95
+
+
+# At least this share of a sample's variance is its own.
+OWN_SHARE = 0.2
+
+
+def striped(residual: FloatArray) -> float:
+    """Estimate the variance that cells of (views, cells) have in all views alike, by differences of neighbours."""
+    views, steps = len(residual), np.diff(residual, axis=1)
+    usual = robust_deviation(steps - np.median(steps))
+    kept = (np.abs(steps) < 5.0 * usual).all(axis=0)
+    if views < 2 or kept.sum() < LAGS:
+        return 0.0
+    products = (steps.sum(axis=0) ** 2 - (steps**2).sum(axis=0))[kept] / (views * (views - 1))
+    return max(0.5 * float(products.mean()), 0.0)
 
 
 def _of_groups(rows: FloatArray, groups: int) -> FloatArray:

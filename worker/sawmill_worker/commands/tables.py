@@ -12,6 +12,7 @@ from sawmill_calibration.pictures.report_numbers import calibration_table
 from sawmill_calibration.scans.pack import ScanPack
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.drifts import DriftResult
+from sawmill_contracts.fixed_pairs import FixedPairsResult
 from sawmill_contracts.inspections import FilePart, FileVerdict, InspectedReading, InspectionResult
 from sawmill_contracts.plans import PlanResult, RepeatabilityResult
 from sawmill_contracts.reconstructions import MethodReport
@@ -30,6 +31,32 @@ def print_calibration(result: CalibrationResult) -> None:
         table.add_row(label, value)
     console = Console()
     console.print(table)
+    for reason in result.reasons:
+        console.print(f"- {reason}", highlight=False, markup=False)
+
+
+def print_pairs(result: FixedPairsResult) -> None:
+    """Print the verdict on a scanner of fixed pairs, each pair's geometry with standard deviations, and the reasons."""
+    colour = {"pass": "green", "watch": "yellow", "fail": "red"}[result.verdict]
+    rays = f"rays {result.predicted_rms_mm:.3f} mm, 95 % below {result.upper_95_mm:.3f} mm"
+    table = Table(title=f"{len(result.pairs)} pairs with {escape(result.phantom)}: [bold {colour}]{result.verdict}[/]; {rays}")
+    for column in ("pair", "angle, °", "source, mm", "SDD, mm", "u_c, mm", "tilt, °", "rays 95 %, mm", "cells"):
+        table.add_column(column, justify="right")
+    for number, pair in enumerate(result.pairs, 1):
+        frame, spread = pair.source_frame, pair.standard_deviation
+        numbers = (
+            (math.degrees(frame.psi_rad), math.degrees(spread.psi_rad or 0.0)),
+            (frame.source_distance_mm, spread.source_distance_mm),
+            (frame.source_to_detector_mm, spread.source_to_detector_mm),
+            (frame.cor_column_mm, spread.cor_column_mm),
+            (math.degrees(frame.tilt_rad), math.degrees(spread.tilt_rad or 0.0)),
+        )
+        cells = [f"{value:.3f} ± {deviation:.2g}" for value, deviation in numbers]
+        table.add_row(str(number), *cells, f"{pair.upper_95_mm:.3f}", pair.cell_order.value)
+    console = Console()
+    console.print(table)
+    rolls = ", ".join(f"{passage.roll_deg:.1f}°" for passage in result.passages)
+    console.print(f"Board in {len(result.passages)} passages, rolled by {rolls}; sizes ± {result.scale_uncertainty_percent:.2g} %.")
     for reason in result.reasons:
         console.print(f"- {reason}", highlight=False, markup=False)
 

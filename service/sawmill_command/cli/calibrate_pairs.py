@@ -1,0 +1,49 @@
+"""`sawmill calibrate-pairs`: flags and output."""
+# ruff: noqa: PLC0415, FBT002 - imports inside the command: its help needs none; flags are booleans with a default
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sawmill_contracts.fixed_pairs import FixedPairsOptions
+from sawmill_vocabulary import DataKind
+from sawmill_worker.commands import options as shared
+from sawmill_worker.commands.from_contract import Flags, from_contracts, option
+from sawmill_worker.commands.options import PhantomText, PhantomWidth, check_width
+from sawmill_worker.commands.terminal import Command, answering, print_json, showing_progress
+
+app = typer.Typer()
+PairsFile = typer.Argument(
+    metavar="PAIRS.json", exists=True, dir_okay=False, help="The nominal places of the pairs (docs/do/fixed-pairs.md)."
+)
+PairScans = typer.Argument(
+    metavar="SCAN...", exists=True, help="A file for each pair, in their order: views are passages, rows the feed."
+)
+
+
+@app.command(cls=Command)
+@from_contracts
+def calibrate_pairs(
+    pairs: Annotated[Path, PairsFile],
+    scans: Annotated[list[Path], PairScans],
+    data: Annotated[DataKind, option(shared.ScanOptions, "data")],
+    phantom: PhantomText,
+    options: Annotated[FixedPairsOptions, Flags()],
+    phantom_width_mm: PhantomWidth = None,
+    as_json: shared.JsonFlag = False,
+) -> None:
+    """Find the geometry of all pairs of a scanner of fixed pairs, from passages of one board."""
+    check_width(phantom, phantom_width_mm)
+    with answering(as_json=as_json), showing_progress("calibrate") as progress:
+        from sawmill_calibration.calibration.fixed_pairs import calibrate_fixed_pairs
+        from sawmill_calibration.known_geometry import drawing_of
+
+        drawing = drawing_of(phantom, phantom_width_mm)
+        result = calibrate_fixed_pairs(scans, pairs, drawing, data=data, options=options, on_progress=progress)
+    if as_json:
+        print_json(result.model_dump(mode="json"))
+    else:
+        from sawmill_worker.commands.tables import print_pairs
+
+        print_pairs(result)

@@ -1,0 +1,181 @@
+"""Calibration of a scanner of fixed pairs, as commands and Python users ask for it."""
+
+import math
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from sawmill_calibration.failures import input_errors_translated, read_json, refused
+from sawmill_calibration.known_geometry import drawing_of, to_phantom
+from sawmill_calibration.scans.scan_rows import ScanRows, ScanSource, open_rows
+from sawmill_contracts.fixed_pairs import BoardPose, CalibratedPair, FixedPairsOptions, FixedPairsResult
+from sawmill_contracts.geometry import ReportedSourceFrame, SourceFrameDeviation
+from sawmill_contracts.phantoms import PhantomDrawing
+from sawmill_contracts.reasons import CodedReason
+from sawmill_contracts.scans import UnregisteredScanOptions
+from sawmill_tomography.calibration.phantom_rows import LEAST_SHADOW, segments
+from sawmill_tomography.geometry.geometry import FloatArray
+from sawmill_tomography.pairs.calibrate import FoundPair, FoundPairs, PairsTask, calibrate_pairs
+from sawmill_tomography.pairs.passages import PairData
+from sawmill_tomography.projection.analytic import DetectorCells
+from sawmill_tomography.statistics import robust_deviation
+from sawmill_vocabulary import DataKind, Handedness, PairedScanner, Progress, ProgressCallback
+
+# Groups of rows along the feed that show how a board's pose changes, each of `FEWEST` rows or more.
+GROUPS, FEWEST = 3, 2
+# A cell beyond this number of standard deviations from the median of five cells, and this line integral, is dead.
+DEAD, LEAST_DEAD = 10.0, 0.05
+
+
+def read_paired_scanner(path: Path) -> PairedScanner:
+    """Read a scanner of fixed pairs from a JSON file; refuse any other file with the code `fixed-pairs`."""
+    with input_errors_translated():
+        return read_json(path, PairedScanner, code="fixed-pairs", otherwise="no scanner of fixed pairs")
+
+
+def calibrate_fixed_pairs(
+    scans: Sequence[str | Path],
+    scanner: PairedScanner | str | Path,
+    phantom: PhantomDrawing | str | Path,
+    *,
+    data: DataKind | str = DataKind.COUNTS,
+    options: FixedPairsOptions | None = None,
+    on_progress: ProgressCallback = lambda _: None,
+) -> FixedPairsResult:
+    """Calibrate a scanner of fixed pairs from passages of one board.
+
+    Parameters
+    ----------
+    scans : sequence of path
+        A file for each pair, in the order of the scanner's: the views are the passages, the rows run along the feed.
+    scanner : PairedScanner or path
+        The nominal places of the pairs, or their JSON file.
+    phantom : PhantomDrawing, str or path
+        The board's drawing, or the name of a built-in one.
+    data : str
+        Kind of the numbers, `counts` or `line-integrals`.
+    options : FixedPairsOptions, optional
+        Side of the board, tolerances.
+
+    Raises
+    ------
+    InputError
+        A file, a scanner or a drawing that cannot be used; the message says what would be right.
+    """
+    given = scanner if isinstance(scanner, PairedScanner) else read_paired_scanner(Path(scanner))
+    drawing = phantom if isinstance(phantom, PhantomDrawing) else drawing_of(phantom)
+    chosen = options or FixedPairsOptions()
+    if len(scans) != len(given.pairs):
+        raise refused("fixed-pairs", f"the scanner has {len(given.pairs)} pairs: give a file for each, not {len(scans)}")
+    board = to_phantom(drawing)
+    stacks, ranges = [], []
+    with input_errors_translated(), ExitStack() as files:
+        for number, (path, pair) in enumerate(zip(scans, given.pairs, strict=True)):
+            wanted = UnregisteredScanOptions(data=DataKind(data), detector_pitch_mm=pair.detector_pitch_mm)
+            opened = open_rows(
+                ScanSource(Path(path), wanted, turns=False),
+                source_to_cor_mm=pair.source_distance_mm,
+                on_progress=_part_of(on_progress, number, len(scans)),
+            )
+            rows = files.enter_context(opened)
+            stack = rows.stack()
+            _check_passages(stack, stacks[0][0] if stacks else stack, Path(path))
+            own = board_rows(stack)
+            stacks.append((stack[:, own], rows))
+            ranges.append((own.start, own.stop))
+        lines = [
+            _data_of(stack, rows, first, DetectorCells.of(pair.scanner), pair.feed_offset_mm)
+            for (stack, rows), (first, _), pair in zip(stacks, ranges, given.pairs, strict=True)
+        ]
+        middle = float(np.mean([one.heights_mm.mean() for one in lines]))
+        task = PairsTask(
+            given,
+            board if chosen.handedness is Handedness.AS_DRAWN else board.mirrored(),
+            [PairData(one.lines, one.heights_mm - middle, one.cells) for one in lines],
+            all(rows.counts for _, rows in stacks),
+            chosen.corner_tolerance_mm,
+            chosen.tolerance_mm,
+            chosen.scale_tolerance_percent,
+            chosen.log_radius_mm,
+        )
+        found = calibrate_pairs(task, on_progress=_part_of(on_progress, 1, 2))
+    return _result(found, ranges, drawing.name, chosen)
+
+
+def _part_of(report: ProgressCallback, number: int, parts: int) -> ProgressCallback:
+    return lambda progress: report(Progress(fraction=(number + progress.fraction) / parts / 2.0, stage=progress.stage))
+
+
+def _check_passages(stack: NDArray[np.float32], first: NDArray[np.float32], path: Path) -> None:
+    if len(stack) != len(first):
+        raise refused("fixed-pairs", f"{path.name} has {len(stack)} passages, and the file before {len(first)}")
+
+
+def board_rows(stack: NDArray[np.float32]) -> slice:
+    """Return the longest run of rows of a stack (passages, rows, cells) that shows one body, without its two ends."""
+    depth = np.nanmean(np.nanstd(stack, axis=2), axis=0)
+    shown = [run for run in segments(stack) if depth[run].mean() > LEAST_SHADOW * float(np.nanmax(depth))]
+    run = shown[0]
+    inner = slice(run.start + 1, run.stop - 1)
+    return inner if run.stop - run.start > 2 + FEWEST * GROUPS and len(shown) else run
+
+
+def _data_of(
+    stack: NDArray[np.float32], rows: ScanRows, first: int, cells: DetectorCells, offset_mm: float
+) -> PairData:
+    """Return the means over groups of rows; without a pitch of the rows there is one group."""
+    pitch = rows.scanner.row_pitch_mm
+    groups = GROUPS if pitch is not None and stack.shape[1] >= FEWEST * GROUPS else 1
+    parts = np.array_split(np.arange(stack.shape[1]), groups)
+    lines = np.stack([stack[:, part].mean(axis=1, dtype=np.float64) for part in parts], axis=1)
+    heights = np.array([(first + part.mean()) * (pitch or 0.0) + offset_mm for part in parts])
+    return PairData(bridged(lines), heights, cells)
+
+
+def bridged(lines: FloatArray) -> FloatArray:
+    """Return line integrals (..., cells) with single dead cells replaced by the median of five cells."""
+    middle = scipy.ndimage.median_filter(lines, size=(1,) * (lines.ndim - 1) + (5,), mode="nearest")
+    off = np.abs(lines - middle)
+    spread = np.array([robust_deviation(row) for row in off.reshape(-1, off.shape[-1])]).reshape(*off.shape[:-1], 1)
+    return np.where(off > np.maximum(DEAD * spread, LEAST_DEAD), middle, lines)
+
+
+def _result(
+    found: FoundPairs, ranges: Sequence[tuple[int, int]], phantom: str, options: FixedPairsOptions
+) -> FixedPairsResult:
+    """Convert the answer of the science to the contract."""
+    return FixedPairsResult(
+        verdict=found.verdict,
+        reasons=list(found.reasons),
+        coded_reasons=[CodedReason.of(reason) for reason in found.reasons],
+        predicted_rms_mm=found.rays.rms_mm,
+        upper_95_mm=found.rays.upper_95_mm,
+        scale_uncertainty_percent=found.scale_percent_95,
+        pairs=[_pair(pair) for pair in found.pairs],
+        passages=[BoardPose(x_mm=x, y_mm=y, roll_deg=math.degrees(roll)) for x, y, roll in found.poses],
+        rows=list(ranges),
+        corners_rms_mm=found.corners_mm,
+        residual_percent=100.0 * found.left_share,
+        log_radius_mm=found.radius_mm,
+        phantom=phantom,
+        options=options,
+    )
+
+
+def _pair(pair: FoundPair) -> CalibratedPair:
+    names = [name for name in SourceFrameDeviation.model_fields if name != "magnification"]
+    return CalibratedPair(
+        source_frame=ReportedSourceFrame(**vars(pair.frame)),
+        standard_deviation=SourceFrameDeviation(
+            **dict(zip(names, pair.deviations, strict=True)), magnification=None
+        ),
+        predicted_rms_mm=pair.rays.rms_mm,
+        upper_95_mm=pair.rays.upper_95_mm,
+        cell_order=pair.cell_order,
+        order_deviations=pair.order_deviations,
+    )
+
