@@ -43,31 +43,26 @@ def data(empty_data, tmp_path):
     return Path(shutil.copytree(empty_data, tmp_path / "data"))
 
 
-@pytest.fixture
-def findings(run, data):
+def findings(run, data, subject=None, *, code=0):
     """What the doctor finds on the folder, of one subject where it is named."""
-
-    def ask(subject=None, *, code=0):
-        found = json.loads(run("doctor", "--data", data, "--json", code=code).stdout)["findings"]
-        return [each for each in found if subject in {None, each["subject"]}]
-
-    return ask
+    found = json.loads(run("doctor", "--data", data, "--json", code=code).stdout)["findings"]
+    return [each for each in found if subject in {None, each["subject"]}]
 
 
 @pytest.fixture
-def found(findings):
+def found(run, data):
     """The one finding of a subject that is not good."""
 
     def ask(subject, *, code=1):
-        (one,) = [each for each in findings(subject, code=code) if each["state"] != "good"]
+        (one,) = [each for each in findings(run, data, subject, code=code) if each["state"] != "good"]
         assert one["cure"]
         return one
 
     return ask
 
 
-def test_an_installation_in_order_has_nothing_bad(findings, run, data):
-    found = findings()
+def test_an_installation_in_order_has_nothing_bad(run, data):
+    found = findings(run, data)
     expected = {"settings", "versions", "kernels", "memory", "open files", "user", "confinement", "data folder", "disk"}
     expected |= {"address", "database", "tables", "files", "workers", "clock", "Redis", "webhooks", "backup"}
     assert {finding["subject"] for finding in found} == expected
@@ -340,24 +335,24 @@ def test_a_network_file_system_is_known_by_its_mount(tmp_path):
 
 
 @pytest.mark.slow
-def test_how_old_the_newest_backup_is(findings, run, data, tmp_path):
+def test_how_old_the_newest_backup_is(run, data, tmp_path):
     (tmp_path / "disk").mkdir()
-    (never,) = findings("backup")
+    (never,) = findings(run, data, "backup")
     assert (never["state"], "sawmill backup FOLDER" in never["cure"]) == ("watch", True)
     backup = run("backup", tmp_path / "disk", "--data", data).stdout.strip()
-    (newest,) = findings("backup")
+    (newest,) = findings(run, data, "backup")
     assert (newest["state"], newest["sentence"]) == ("good", f"the newest is 0.0 days old: {backup}")
     taken_at = datetime.now(UTC) - timedelta(days=9)
     for lacking, state, code in ((0, "watch", 0), (2, "bad", 1)):
         (data / LAST_BACKUP).write_text(Newest(path=backup, taken_at=taken_at, lacking=lacking).model_dump_json())
-        (old,) = findings("backup", code=code)
+        (old,) = findings(run, data, "backup", code=code)
         assert (old["state"], "9.0 days old" in old["sentence"]) == (state, True)
 
 
-def test_a_restore_that_was_killed_is_known(findings, data):
+def test_a_restore_that_was_killed_is_known(run, data):
     shutil.rmtree(data)
     data.mkdir()
     (data / RESTORING).touch()
-    (one,) = [each for each in findings(code=1) if each["state"] == "bad"]
+    (one,) = [each for each in findings(run, data, code=1) if each["state"] == "bad"]
     assert "was ended before its end" in one["sentence"]
     assert "sawmill restore BACKUP" in one["cure"]

@@ -187,15 +187,10 @@ def listen(seeded, job_id) -> Callable[..., str]:
     return text
 
 
-@pytest.fixture
-def stop_and_start(seeded, store, settings) -> Callable[[], None]:
+def stop_and_start(seeded, store, settings) -> None:
     """The service ends, and another one begins on the same data."""
-
-    def act() -> None:
-        seeded.app.state.stopping.begin()
-        seeded.app = create_app(settings, store, lambda _: None)
-
-    return act
+    seeded.app.state.stopping.begin()
+    seeded.app = create_app(settings, store, lambda _: None)
 
 
 def test_a_stream_begins_with_the_time_to_come_back_and_its_ids_are_numbers_of_events(store, worker, job_id, listen):
@@ -210,10 +205,10 @@ def test_a_stream_begins_with_the_time_to_come_back_and_its_ids_are_numbers_of_e
     assert (heard[-1]["event"], heard[-1]["id"], heard[-2]["id"]) == ("end", str(ended), str(started))
 
 
-def test_wherever_a_stream_is_cut_the_final_state_comes_and_the_end_once(worker, listen, stop_and_start):
+def test_wherever_a_stream_is_cut_the_final_state_comes_and_the_end_once(worker, listen, seeded, store, settings):
     threading.Timer(0.3, worker.finish_calibration).start()
     whole = listen()
-    stop_and_start()
+    stop_and_start(seeded, store, settings)
     again: dict[str | None, str] = {}
     for cut in range(len(whole) + 1):
         heard = blocks(whole[:cut])
@@ -227,7 +222,7 @@ def test_wherever_a_stream_is_cut_the_final_state_comes_and_the_end_once(worker,
     assert again[blocks(whole)[-1]["id"]] == ""
 
 
-def test_a_running_job_is_sent_as_it_is_whatever_the_client_has_seen(seeded, store, worker, listen, stop_and_start):
+def test_a_running_job_is_sent_as_it_is_whatever_the_client_has_seen(seeded, store, worker, listen, settings):
     """Progress has no event of its own: a client may hold the newest number and an older state."""
     claim = worker.claim()
     for fraction in (0.25, 0.5):
@@ -236,7 +231,7 @@ def test_a_running_job_is_sent_as_it_is_whatever_the_client_has_seen(seeded, sto
         first, *_, closing = blocks(listen(str(store.events.numbers_of_job(claim.job_id).latest)))
         assert (first["event"], first["data"]["progress"]["fraction"]) == ("job", fraction)
         assert (closing["event"], closing["id"], closing["retry"]) == ("closing", first["id"], "1000")
-        stop_and_start()
+        stop_and_start(seeded, store, settings)
 
 
 def test_a_job_that_ends_between_two_looks_has_the_number_of_its_end(store, worker, job_id, listen):

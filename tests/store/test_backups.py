@@ -75,16 +75,11 @@ def elsewhere(request, tmp_path):
     return StorageSettings(data_folder=tmp_path / "elsewhere", database_url=url)
 
 
-@pytest.fixture
 def work(store, upload, finish):
     """Upload a scan and read it as a worker would: its id."""
-
-    def do():
-        scan = upload(store)
-        finish(store)
-        return scan.id
-
-    return do
+    scan = upload(store)
+    finish(store)
+    return scan.id
 
 
 def rows_of(settings):
@@ -164,8 +159,8 @@ def test_what_is_restored_elsewhere_is_all_there_and_goes_on(
 
 
 @sqlite_alone
-def test_an_unchanged_file_is_linked_and_not_read(store, settings, work, into):
-    twin = store.files.results(kinds.INGEST, work()) / "twin"
+def test_an_unchanged_file_is_linked_and_not_read(store, settings, upload, finish, into):
+    twin = store.files.results(kinds.INGEST, work(store, upload, finish)) / "twin"
     twin.hardlink_to(twin.with_name("result"))
     first = take_backup(settings, into, silent)
     sizes = [(first.path / path).stat().st_size for path in read_sums(first.path) if path.startswith("data/")]
@@ -174,7 +169,7 @@ def test_an_unchanged_file_is_linked_and_not_read(store, settings, work, into):
     with at_call("open", opened.append, below=settings.data_folder / "scans"):
         assert take_backup(settings, into, silent).copied_bytes == 0
     assert opened == []
-    second_scan = work()
+    second_scan = work(store, upload, finish)
     second = take_backup(settings, into, silent)
     new = {path: (second.path / path).stat().st_size for path in read_sums(second.path) if second_scan in path}
     assert len(new) == 2
@@ -193,7 +188,7 @@ def test_an_unchanged_file_is_linked_and_not_read(store, settings, work, into):
 
 
 @sqlite_alone
-def test_a_backup_is_durable_before_it_has_its_name(settings, work, into, monkeypatch):
+def test_a_backup_is_durable_before_it_has_its_name(settings, store, upload, finish, into, monkeypatch):
     lists = []
 
     def lose(_descriptor):
@@ -201,7 +196,7 @@ def test_a_backup_is_durable_before_it_has_its_name(settings, work, into, monkey
         ctypes.set_errno(errno.EIO)
         return -1
 
-    work()
+    work(store, upload, finish)
     monkeypatch.setattr(whole_files, "_LIBC", SimpleNamespace(syncfs=lose))
     with pytest.raises(OSError, match="Input/output error"):
         take_backup(settings, into, silent)
@@ -210,15 +205,15 @@ def test_a_backup_is_durable_before_it_has_its_name(settings, work, into, monkey
 
 
 @pytest.mark.dialect
-def test_what_is_deleted_meanwhile_is_in_neither_rows_nor_files(store, settings, work, into, elsewhere):
-    scans = sorted(work() for _ in range(3))
+def test_what_is_deleted_meanwhile_is_in_neither_rows_nor_files(store, settings, upload, finish, into, elsewhere):
+    scans = sorted(work(store, upload, finish) for _ in range(3))
     steps = []
 
     def on_progress(_progress):
         steps.append(1)
         if len(steps) == 1:
             store.scans.delete(scans[2])
-            steps.append(work())
+            steps.append(work(store, upload, finish))
 
     taken = take_backup(settings, into, on_progress)
     assert taken.manifest.lacking == []
@@ -229,8 +224,10 @@ def test_what_is_deleted_meanwhile_is_in_neither_rows_nor_files(store, settings,
 
 
 @sqlite_alone
-def test_a_file_that_is_really_missing_is_named_and_keeps_nothing_else_out(store, settings, work, into, elsewhere):
-    lost, kept = work(), work()
+def test_a_file_that_is_really_missing_is_named_and_keeps_nothing_else_out(
+    store, settings, upload, finish, into, elsewhere
+):
+    lost, kept = work(store, upload, finish), work(store, upload, finish)
     shutil.rmtree(store.files.results(kinds.INGEST, lost))
     taken = take_backup(settings, into, silent)
     assert taken.manifest.lacking == [f"scans/{lost}"]
@@ -389,8 +386,8 @@ def full_at(name):
 
 @sqlite_alone
 @pytest.mark.parametrize(("call", "name"), [("open", "result"), ("sqlite3.connect", "sawmill.db"), ("open", SUMS)])
-def test_a_full_disk_leaves_no_backup(settings, work, into, call, name):
-    work()
+def test_a_full_disk_leaves_no_backup(settings, store, upload, finish, into, call, name):
+    work(store, upload, finish)
     with at_call(call, full_at(name), below=into), pytest.raises(OSError, match="No space"):
         take_backup(settings, into, silent)
     assert [path.name for path in into.iterdir()] == [".sawmill-backups.lock"]
@@ -430,8 +427,8 @@ def at_turn(turn):
 
 @sqlite_alone
 @pytest.mark.parametrize("call", ["open", "os.mkdir", "os.rename", "os.link", "os.remove", "sqlite3.connect"])
-def test_a_backup_killed_at_any_call_leaves_nothing_that_looks_like_one(settings, work, into, call):
-    work()
+def test_a_backup_killed_at_any_call_leaves_nothing_that_looks_like_one(settings, store, upload, finish, into, call):
+    work(store, upload, finish)
     there = take_backup(settings, into, silent).path
     shutil.rmtree(there / "data" / "uploads")
     turn = 1
@@ -448,9 +445,9 @@ def test_a_backup_killed_at_any_call_leaves_nothing_that_looks_like_one(settings
 @pytest.mark.parametrize("database_url", ["sqlite", "postgresql"], indirect=True)
 @pytest.mark.parametrize("call", ["open", "os.rename", "os.remove"])
 def test_a_restore_killed_at_any_call_leaves_nothing_that_starts_before_it_is_whole(
-    settings, work, into, elsewhere, call
+    settings, store, upload, finish, into, elsewhere, call
 ):
-    work()
+    work(store, upload, finish)
     taken = take_backup(settings, into, silent).path
     turn, mark = 1, elsewhere.data_folder / RESTORING
     while mark.exists() or read_identity(elsewhere.data_folder) is None:

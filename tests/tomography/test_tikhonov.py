@@ -26,16 +26,11 @@ def projector(irregular_turn):
     return make
 
 
-@pytest.fixture
-def dense():
+def dense(projector):
     """The matrix of A, (rays, pixels)."""
-
-    def make(projector):
-        n = projector.grid.size
-        units = np.eye(n * n, dtype=np.float32).reshape(-1, n, n)
-        return projector.forward(units).reshape(n * n, -1).T.astype(np.float64)
-
-    return make
+    n = projector.grid.size
+    units = np.eye(n * n, dtype=np.float32).reshape(-1, n, n)
+    return projector.forward(units).reshape(n * n, -1).T.astype(np.float64)
 
 
 @pytest.mark.parametrize(("views", "noise"), [(20, 0.005), (60, 0.02)])
@@ -68,7 +63,7 @@ def test_on_the_published_log_the_error_is_at_most_that_of_filtered_back_project
 
 
 @pytest.mark.parametrize("weight", [30.0, 3000.0])
-def test_it_solves_the_regularised_normal_equations(projector, dense, weight):
+def test_it_solves_the_regularised_normal_equations(projector, weight):
     a = projector(16, 9)
     sinogram = simulate_sinogram(LOG, a.geometry, noise=0.02, seed=1202)
     matrix = dense(a)
@@ -102,7 +97,7 @@ def test_the_discrepancy_principle_keeps_at_least_cross_validation_s_weight(proj
     assert by_discrepancy == pytest.approx(by_gcv, rel=0.1)
 
 
-def test_cross_validation_finds_what_the_dense_matrix_finds(projector, dense):
+def test_cross_validation_finds_what_the_dense_matrix_finds(projector):
     a = projector(16, 12)
     sinogram = simulate_sinogram(LOG, a.geometry, noise=0.05, seed=1204)
     matrix = dense(a)
