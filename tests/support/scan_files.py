@@ -80,6 +80,18 @@ def published_data():
     return folder
 
 
+@pytest.fixture
+def file(tmp_path):
+    return tmp_path / "upload"
+
+
+def saved(write, *arguments, **named):
+    """The bytes of what is written."""
+    stream = io.BytesIO()
+    write(stream, *arguments, **named)
+    return stream.getvalue()
+
+
 def read_scan(path, **given):
     """A scan with all of its projections in memory."""
     with reading_scan(path, **given) as scan:
@@ -152,18 +164,12 @@ def mat(*, packed=False, **variables):
     return lambda path: scipy.io.savemat(path, variables, appendmat=False, do_compression=packed)
 
 
-def tiff_bytes(image, **options):
-    stream = io.BytesIO()
-    tifffile.imwrite(stream, image, **options)
-    return stream.getvalue()
-
-
 def zipped(members, method=ZIP_STORED):
     """An archive of bytes and of images, which are packed as TIFFs."""
 
     def write(path):
         with ZipFile(path, "w", method) as archive:
             for name, content in members.items():
-                archive.writestr(name, tiff_bytes(content) if isinstance(content, np.ndarray) else content)
+                archive.writestr(name, saved(tifffile.imwrite, content) if isinstance(content, np.ndarray) else content)
 
     return write

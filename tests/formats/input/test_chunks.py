@@ -53,11 +53,6 @@ def refused(file, code, *words, **options):
     return refused_of(file, code, *words, counts=False, **{"angles_deg": STEPS} | options)
 
 
-@pytest.fixture
-def file(tmp_path):
-    return tmp_path / "upload"
-
-
 @pytest.mark.parametrize("libver", ["earliest", "latest"])
 @pytest.mark.parametrize(
     ("filters", "stored", "skipped"),
