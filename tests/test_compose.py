@@ -38,7 +38,6 @@ def ours(services):
 
 
 def words(service):
-    """Its command, and its health check's as it stands after the shell."""
     kind, *check = service.get("healthcheck", {"test": ["NONE"]})["test"]
     return [service["command"], *([] if kind == "NONE" else [check[0].split() if kind == "CMD-SHELL" else check])]
 

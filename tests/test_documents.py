@@ -43,13 +43,11 @@ ELSEWHERE = ("make ", 'export PATH="$PWD/.venv/bin', "sawmill serve", ".venv/bin
 
 
 def sections(path: Path) -> dict[str, str]:
-    """The text below each heading of the second level."""
     parts = re.split(r"^## (.+)$", path.read_text(), flags=re.MULTILINE)
     return dict(zip(parts[1::2], parts[2::2], strict=True))
 
 
 def blocks(text: str, language: str) -> list[str]:
-    """The fenced blocks of one language, in order."""
     return re.findall(rf"^```{language}\n(.*?)^```$", text, flags=re.MULTILINE | re.DOTALL)
 
 
@@ -94,7 +92,6 @@ def test_every_sawmill_command_is_parsed(path, tmp_path, monkeypatch):
 
 
 def in_process(*arguments: object) -> str:
-    """What needs no shell; its standard output."""
     done = CliRunner().invoke(main, [str(argument) for argument in arguments])
     assert done.exit_code == 0, done.output
     return done.stdout
@@ -320,7 +317,6 @@ def test_every_test_that_shows_a_figure_exists():
 
 
 def texts():
-    """Every text file that belongs to the project."""
     command = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
     listed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
     for name in filter(None, listed.stdout.split("\0")):

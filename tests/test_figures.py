@@ -99,7 +99,6 @@ def test_each_benchmark_is_named_by_a_page_or_a_target_or_is_part_of_one_that_is
 
 
 def imported(sources):
-    """The modules that they import."""
     return set(re.findall(r"^ *(?:from|import) (\w+)", "\n".join(sources), re.MULTILINE))
 
 

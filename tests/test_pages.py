@@ -26,7 +26,6 @@ def named(path: Path) -> str:
 
 
 def prose(text: str) -> str:
-    """A page without its fenced blocks."""
     return re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
 
 

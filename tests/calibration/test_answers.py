@@ -332,7 +332,6 @@ GIVEN = {"data": "counts", "source_to_cor_mm": 859.46, "angles_deg": "0:30", "de
 
 @pytest.fixture
 def images(tmp_path):
-    """Counts as one array, with its flats, and the same as a folder."""
     rng = np.random.default_rng(1422)
     air = np.full((3, 2, 16), 30_000, np.uint16)
     views = rng.integers(5_000, 25_000, (12, 2, 16)).astype(np.uint16)

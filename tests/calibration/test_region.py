@@ -30,7 +30,6 @@ WHOLE = {"size": SIZE, "field_mm": FIELD_MM}
 
 @pytest.fixture(scope="module")
 def truth():
-    """Of the region, (x, y) float32."""
     return LOG.moved(-CENTRE_MM[0], -CENTRE_MM[1]).rasterise(REGION["size"], REGION["field_mm"])
 
 
@@ -117,8 +116,6 @@ def test_coupled_rows_of_a_region_help_each_other(truth):
 @pytest.mark.nightly
 def test_an_attempt_that_goes_on_takes_the_weight_that_was_chosen(tmp_path):
     class Kept(NothingKept):
-        """Everything but the blocks."""
-
         has_begun = True
         settings = None
 

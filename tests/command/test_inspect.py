@@ -17,7 +17,6 @@ ANGLES = ("--angles-deg", "0:30")
 
 
 def inspect(run, path, *flags):
-    """The one JSON object about a file."""
     result = run("inspect", path, "--json", *flags)
     assert result.stdout.count("\n") == 1
     return json.loads(result.stdout)

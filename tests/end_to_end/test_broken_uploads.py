@@ -83,7 +83,6 @@ def problem_on(line: socket.socket) -> bytes:
 
 
 def is_coming(service: Service, path: str) -> bool:
-    """Whether the service has begun to write a part."""
     file = service.data / UNFINISHED / path.rpartition("/")[2]
     if not file.exists():
         return False
@@ -171,7 +170,6 @@ def connect(service: Service) -> socket.socket:
 
 
 def read_problem(connection: socket.socket) -> tuple[int, str]:
-    """Read one answer, and return its status and its code."""
     answer = http.client.HTTPResponse(connection)
     answer.begin()
     assert answer.headers["Content-Type"] == "application/problem+json"

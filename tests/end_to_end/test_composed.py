@@ -27,7 +27,6 @@ MIB = 2**20
 
 
 def make_secrets(folder: Path) -> None:
-    """As the page says to make them."""
     [block] = [part for part in PAGE.read_text().split("```sh\n")[1:] if part.startswith("mkdir")]
     subprocess.run(["bash", "-euc", block.partition("```")[0]], cwd=folder, capture_output=True, check=True)
 
@@ -135,7 +134,6 @@ def test_what_compose_starts_does_a_mill_s_work(composed, mill, phantom_scan):
 
 
 def environments(composed: Composed) -> set[str]:
-    """Every value of a variable of a process that runs."""
     found = set()
     for process in composed.processes.values():
         for member in descendants(process.pid):

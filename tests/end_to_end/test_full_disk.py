@@ -46,7 +46,6 @@ def skip_unless_mounted(command: list[str]) -> None:
 
 
 def leave_free(ballast: Path, free_bytes: int) -> None:
-    """Fill the disk up to this number of bytes."""
     with ballast.open("ab", buffering=0) as file:
         for size in (2**20, 2**12):
             with suppress(OSError):

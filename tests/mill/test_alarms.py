@@ -22,7 +22,6 @@ def hours(number):
 
 
 def after(facts, now, opened=()):
-    """The open alarms after a check, by name."""
     alarms = dict(opened)
     for what, alarm in alarm_changes(facts, alarms, now):
         if what == "alarm-opened":

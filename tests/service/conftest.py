@@ -58,8 +58,6 @@ SLICES, SIDE = 3, 32
 
 @dataclass
 class Client:
-    """Sends requests to the application, without a network."""
-
     app: Application
     headers: dict[str, str] = field(default_factory=dict)
 
@@ -86,7 +84,6 @@ class Client:
         return "\n\n".join([*blocks, ""])
 
     def bring(self, scope: Scope, *, name: str = "visitor", **changes: Any) -> NewKey:
-        """Make a key, and bring it from now on."""
         key = self.app.state.store.keys.create(KeyRequest(name=name, scope=scope, **changes))
         self.headers["Authorization"] = f"Bearer {key.secret}"
         return key
@@ -112,7 +109,6 @@ def _one_document() -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def seeded_data(empty_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A data folder that holds the examples."""
     folder = tmp_path_factory.mktemp("seeded") / "data"
     shutil.copytree(empty_data, folder)
     opened = Store(StorageSettings(data_folder=folder, database_url=None))
@@ -133,7 +129,6 @@ def store(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Store]:
 
 @pytest.fixture
 def postgresql_store(postgres: PostgresDatabases, tmp_path: Path) -> Iterator[Store]:
-    """A store with the examples on PostgreSQL."""
     with postgres.database() as url:
         opened = Store.open(StorageSettings(data_folder=tmp_path / "beside-postgresql", database_url=url))
         seed(opened, FakeWorker(opened))
@@ -188,8 +183,6 @@ def client(store: Store, settings: ServiceSettings, woken: list[str]) -> Client:
 
 @pytest.fixture
 def limited(client: Client, store: Store) -> Callable[..., Client]:
-    """Makes it the client of a service with these bounds."""
-
     def limit(**bounds: Any) -> Client:
         client.app = create_app(ServiceSettings(**bounds), store, print)
         return client
@@ -204,7 +197,6 @@ def worker(store: Store) -> "FakeWorker":
 
 @pytest.fixture
 def seeded(client: Client) -> Client:
-    """The client of a service whose data folder holds the examples."""
     return client
 
 
@@ -226,8 +218,6 @@ def newer(store: Store, worker: "FakeWorker") -> str:
 
 @dataclass
 class FakeWorker:
-    """Does the oldest job without any science."""
-
     store: Store
 
     def claim(self) -> Claim:
@@ -390,7 +380,6 @@ def new_volume(folder: Path, shape: tuple[int, ...] = (SLICES, SIDE, SIDE)) -> A
 
 
 def calibration_result(**changes: Any) -> dict[str, Any]:
-    """Of the scan that `write_scan` writes, with error bars that nothing is known of."""
     known = results.calibration_result()
     deviations = {name: dict.fromkeys(values) for name, values in known["standard_deviation"].items()}
     scanner = {**results.CONSTANTS, "num_detector_pixels": CELLS}
@@ -398,6 +387,5 @@ def calibration_result(**changes: Any) -> dict[str, Any]:
 
 
 def reconstruction_result(**changes: Any) -> dict[str, Any]:
-    """Of the volume that `make_volume` makes."""
     shape = {"shape": (SLICES, SIDE, SIDE), "pixel_mm": 1.25, "value_range": (0.0, 3.0)}
     return results.reconstruction_result(**shape, views=VIEWS, rows=(0, SLICES)) | changes

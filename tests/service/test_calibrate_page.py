@@ -38,8 +38,6 @@ DATASET = {"name": "array", "flag": "--dataset", "field": "dataset", "why": "it 
 
 @pytest.fixture
 def inspect(store, worker):
-    """The id of an inspection with this result, as a worker left it."""
-
     def inspected(name="morning <1>.npz", **changes):
         received = store.files.receive([b"a scan"], max_bytes=100)
         inspection = store.inspections.accept_file(InspectionOptions(), received, name=name)
@@ -50,12 +48,10 @@ def inspect(store, worker):
 
 
 def shown(page):
-    """What a person reads."""
     return re.sub(r"\s+", " ", unescape(re.sub(r"<[^>]*>", " ", getattr(page, "text", page))))
 
 
 def inputs(answer, name):
-    """The values of a field's inputs; of radio buttons all."""
     return re.findall(rf'name="{name}" (?:required )?value="([^"]*)"', answer.text)
 
 
@@ -220,7 +216,6 @@ def test_a_file_that_is_no_scan_has_its_sentence(seeded, inspect):
 
 @pytest.fixture
 def started(seeded, inspect):
-    """The path of a calibration that has been asked for."""
     return seeded.post("/calibrate", data={**ANSWERS, "inspection_id": inspect(missing=[ANGLES])}).headers["Location"]
 
 

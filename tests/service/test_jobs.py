@@ -154,8 +154,6 @@ def test_a_wait_outlives_a_database_that_does_not_answer_and_is_over_in_time_tho
     waits = threading.Event()
 
     class Followed(EventFeed):
-        """Tells when somebody waits for its events."""
-
         async def after(self, number: int, scanner_id: str | None = None) -> tuple[int, Sequence[Event]]:
             waits.set()
             return await super().after(number, scanner_id)
@@ -176,8 +174,6 @@ def test_a_wait_outlives_a_database_that_does_not_answer_and_is_over_in_time_tho
 
 @pytest.fixture
 def listen(seeded, job_id) -> Callable[..., str]:
-    """The text of a stream."""
-
     def text(last_id: str | None = None) -> str:
         headers = {} if last_id is None else {"Last-Event-ID": last_id}
         answer = seeded.get(f"/v1/jobs/{job_id}/events", headers=headers, timeout=60)

@@ -29,13 +29,11 @@ BEHIND = ServiceSettings(public_url="https://calibration.mill.example", trusted_
 
 @pytest.fixture
 def keyed(seeded, store):
-    """A client of a service behind a proxy."""
     seeded.app = create_app(BEHIND, store, print)
     return seeded
 
 
 def rules(app):
-    """The rule of each method and pattern of paths."""
     by_pattern = app.state.rules.by_pattern
     return {(method, path): rule for path, methods in by_pattern.items() for method, rule in methods.items()}
 
@@ -187,7 +185,6 @@ def basic(user: str, password: str) -> str:
 
 @pytest.fixture
 def guarded(seeded, store, settings):
-    """A client without the token of a service that asks for one."""
     seeded.app = create_app(ServiceSettings(**settings.model_dump() | {"token": TOKEN}), store, print)
     return seeded
 
@@ -245,7 +242,6 @@ SCHEDULE = {"scanner_id": "example", "cron": "30 5 * * 1-6", "enabled": False}
 
 @pytest.fixture
 def anna(seeded, store):
-    """A client who brings the key of an administrator."""
     seeded.app = create_app(ServiceSettings(public_url="https://calibration.mill.example"), store, print)
     seeded.key = seeded.bring(Scope.ADMIN, name="anna")
     return seeded

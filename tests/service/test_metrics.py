@@ -255,8 +255,6 @@ OTHER_WORDS = {"or", "and", "unless", "sum", "max", "increase", "rate", "absent"
 
 
 class Selector(NamedTuple):
-    """A metric with the labels that it is asked for by, each with an operator and a value."""
-
     name: str
     matchers: list[tuple[str, str, str]]
 

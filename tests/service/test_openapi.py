@@ -112,7 +112,6 @@ def test_every_property_and_parameter_has_a_description_a_unit_and_valid_example
 
 
 def parts(document, place=""):
-    """Every object of the document, with its place."""
     for name, value in document.items() if isinstance(document, dict) else enumerate(document):
         if isinstance(value, dict | list):
             yield from parts(value, f"{place}/{name}")
@@ -227,7 +226,6 @@ ASKED = {f"create_{declared.noun}" for declared in asked_kinds()}
 
 
 def followed_by(operation_id: str) -> tuple[str, str]:
-    """The event, and what it is of."""
     verb, _, noun = operation_id.partition("_")
     return FOLLOWED_BY.get(operation_id) or (
         ("queued", noun) if operation_id in ASKED else (f"{noun}-{DONE[verb]}", noun)
@@ -321,7 +319,6 @@ def test_an_answer_to_who_uses_what_is_out_of_use_says_so_and_links_to_the_docum
 
 
 def described(seeded, answer):
-    """What the link of an answer leads to."""
     address, *parameters = answer.headers["Link"].split("; ")
     assert parameters == ['rel="deprecation"', 'type="application/json"']
     path, _, pointer = address.strip("<>").partition("#/")

@@ -294,7 +294,6 @@ def test_a_year_is_a_small_page_and_few_queries(seeded, store):
 
 
 def plan_of(store, **which):
-    """How SQLite answers a page."""
     statements, engine = [], store.database.engine
 
     def note(*sent):

@@ -23,21 +23,18 @@ FAILURE = Failure(kind=FailureKind.INPUT, code="phantom-not-seen", detail="no ph
 
 
 def newest(seeded, worker, **changes):
-    """Adds a newer calibration with this outcome and returns its id."""
     identifier = seeded.post("/v1/calibrations", json={"scan_id": "example"}).json()["id"]
     worker.finish_calibration(**changes)
     return identifier
 
 
 def checked(seeded, worker, **changes):
-    """Adds a newer drift check with this outcome, or none, and returns its id."""
     identifier = seeded.post("/v1/drifts", json={"scan_id": "example"}).json()["id"]
     worker.finish_drift(**changes)
     return identifier
 
 
 def scanned(store, worker, **ask):
-    """Adds a scan to the spare scanner and asks for its calibration."""
     spec = ScanSpec(scanner_id="example-spare", data=DataKind.COUNTS, phantom_id="l-shape")
     store.scans.accept(spec, store.files.receive([b"x"], max_bytes=10), scan_id="spare")
     worker.finish_scan()
@@ -45,7 +42,6 @@ def scanned(store, worker, **ask):
 
 
 def rows(client) -> dict[str, str]:
-    """The page's scanners in their order, by id."""
     found = re.findall(
         r'<li class="scanner card (\w+)" id="scanner-([\w-]+)">(.*?)</li>', client.get("/").text, re.DOTALL
     )
@@ -53,7 +49,6 @@ def rows(client) -> dict[str, str]:
 
 
 def word(row: str) -> tuple[str, str]:
-    """The row's colour and its badge."""
     tone, badge_tone, badge = re.search(r'^(\w+) .*?<span class="badge (\w+)">(.*?)</span>', row, re.DOTALL).groups()
     assert tone == badge_tone
     return tone, badge

@@ -366,8 +366,6 @@ def test_the_sum_of_a_large_file_keeps_no_other_part_waiting(seeded, store):
     summing, go_on = threading.Semaphore(0), threading.Event()
 
     class SlowSum:
-        """A part whose file takes long to sum up."""
-
         def __init__(self, part):
             self.part = part
 

@@ -40,8 +40,6 @@ LIMIT_S = 0.3
 
 
 class GivenClock:
-    """Moves when it is moved."""
-
     def __init__(self) -> None:
         self.now = datetime.now(UTC)
 

@@ -21,7 +21,6 @@ START = datetime(2026, 3, 2, 5, 0, tzinfo=UTC)
 
 
 def limited(store, scanner, **limits):
-    """Set the scanner's limits."""
     known = store.scanners.get(scanner.id)
     return store.scanners.update(scanner.id, known.model_copy(update={"alarms": AlarmLimits(**limits)}))
 
@@ -37,7 +36,6 @@ def phantom(store, expires_on):
 
 
 def events_of(store):
-    """The events of alarms, the oldest first."""
     events = [event for event in store.events.following(0) if event.type.startswith("alarm")]
     return [(event.type.removeprefix("alarm-"), event.detail["kind"]) for event in events]
 

@@ -69,14 +69,12 @@ def into(tmp_path):
 
 @pytest.fixture
 def elsewhere(request, tmp_path):
-    """An empty service on a database of the test's kind."""
     kind = request.node.callspec.params.get("database_url") if hasattr(request.node, "callspec") else None
     url = request.getfixturevalue("postgres_url") if kind == "postgresql" else None
     return StorageSettings(data_folder=tmp_path / "elsewhere", database_url=url)
 
 
 def work(store, upload, finish):
-    """Upload a scan and read it as a worker would: its id."""
     scan = upload(store)
     finish(store)
     return scan.id
@@ -91,7 +89,6 @@ def rows_of(settings):
 
 
 def files_of(settings):
-    """What results and uploads are, with their times."""
     return {
         path.relative_to(settings.data_folder).as_posix(): (path.stat().st_mtime_ns, copied(path))
         for name in ("uploads", "scans", "calibrations", "unfinished", "examples")
@@ -414,7 +411,6 @@ def killed(call):
 
 
 def at_turn(turn):
-    """Kill this process at the call of that number."""
     turns = [0]
 
     def die(_given):

@@ -29,8 +29,6 @@ COVARIANCE = np.outer(DEVIATIONS, DEVIATIONS) * [[1.0, -0.6], [-0.6, 1.0]]
 
 @pytest.fixture
 def calibrated(store, ready_scan, finish, clock):
-    """Make a new calibration the active one."""
-
     def calibrate():
         clock.advance(minutes=1)
         asked = store.calibrations.accept(CalibrationRequest(scan_id=ready_scan.id, activate=True))
@@ -99,7 +97,6 @@ def charted(store, scanner, changes, since=None):
 
 
 def rows(store):
-    """Of drift checks, the oldest first."""
     checks = select(MeasurementRow).where(MeasurementRow.kind == MeasurementKind.DRIFT).order_by(MeasurementRow.number)
     with store.database.read() as session:
         return list(session.scalars(checks))
@@ -123,7 +120,6 @@ def test_a_check_counts_once_for_its_scan_and_only_after_the_active_calibration(
 
 
 def go_on(store, scanner, follow=follow):
-    """As housekeeping does, round by round."""
     while store.drift_charts.follow(scanner.id, follow):
         pass
 

@@ -21,7 +21,6 @@ ANNA, BEN = Actor("anna", "0a"), Actor("ben", "0b")
 
 @pytest.fixture
 def calibrated(store, ready_scan, finish, clock):
-    """Anna asks for a calibration, an hour after the scan; Ben accepts it."""
     clock.advance(hours=1)
     with acting_as(ANNA):
         store.calibrations.accept(CalibrationRequest(scan_id=ready_scan.id), identifier="first")

@@ -73,8 +73,6 @@ def made(path):
 
 @contextmanager
 def failing_commit(store, error):
-    """The next commit fails."""
-
     def fail(_):
         raise OperationalError("COMMIT", {}, error)
 

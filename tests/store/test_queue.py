@@ -32,7 +32,6 @@ pytestmark = pytest.mark.clocked
 
 
 def claimed(store, number, selection=Selection()):  # noqa: B008 - frozen
-    """The groups whose jobs are claimed next."""
     claims = [store.jobs.claim("test", selection) for _ in range(number)]
     return [claim and claim.job_id.partition("-")[0] for claim in claims]
 
@@ -214,7 +213,6 @@ def settings(settings):
 
 @pytest.fixture
 def plan(store, scanner):
-    """Ask for plans, each of another number of views."""
     numbers = count(20)
 
     def plan(times=1):
@@ -298,7 +296,6 @@ SUCCEEDED, FAILED, LOST = event_kinds.SUCCEEDED, event_kinds.FAILED, event_kinds
 
 
 def end(store, upload, clock, seconds, *, peak_memory_bytes=None, failure=None):
-    """Have a scan read in some seconds."""
     upload(store)
     claim = store.jobs.claim("host-1")
     clock.advance(seconds=seconds)

@@ -26,7 +26,6 @@ def refused(sentence):
 
 @pytest.fixture
 def traced(store):
-    """A phantom whose picture is being traced."""
     return store.phantoms.accept_picture(
         PhantomPicture(name="cross", width_mm=400.0), store.files.receive([b"png"], max_bytes=10)
     )

@@ -33,7 +33,6 @@ UNFIT = {"shape": {"views": 2, "rows": 1, "detector": 768}}
 
 @pytest.fixture
 def mill(store, clock):
-    """The store, with a clock that the test moves, as its files and rows."""
     store.database.now = clock
     return store
 
@@ -46,7 +45,6 @@ def log(store, upload, finish, **reading):
 
 
 def calibrated(store, upload, finish, **ask):
-    """A phantom scan and its calibration."""
     store.database.now.advance(seconds=1)
     scan = upload(store)
     finish(store)

@@ -89,7 +89,6 @@ def test_what_happens_on_a_pass_is_the_schedule_s_to_say(store, scanner, clock, 
 
 
 def log_scan(store, scanner, finish, clock, views=360, last_deg=359.0, averaged_rows=None):
-    """Add a scan without a phantom."""
     clock.advance(minutes=1)
     data = DataKind.COUNTS if averaged_rows is None else DataKind.LINE_INTEGRALS
     spec = ScanSpec(scanner_id=scanner.id, data=data, averaged_rows=averaged_rows)

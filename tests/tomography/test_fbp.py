@@ -37,7 +37,6 @@ FIVE = {
 
 
 def reconstruct(scanner, phantom, theta, angles, *, size=256, **options):
-    """The FBP of a phantom's analytic sinogram."""
     geometry = FanBeamGeometry(scanner, theta, angles)
     sinogram = analytic.project(phantom, DetectorCells.of(scanner), geometry.frame, angles)
     return fbp(Projector(geometry, ImageGrid(size, FIELD)), sinogram, **options).image
@@ -65,7 +64,6 @@ def test_the_mean_of_each_flat_region_is_right_to_a_fifth_of_a_per_cent(
 
 
 def seen_radius(geometry):
-    """Of the disc around the centre of rotation that every view sees whole."""
     frame = geometry.frame
     ends = cell_borders_mm(geometry.scanner)[[0, -1]] - frame.cor_column_mm
     across, depth = ends * math.cos(frame.tilt_rad), frame.source_to_detector_mm + ends * math.sin(frame.tilt_rad)

@@ -27,7 +27,6 @@ def projector(irregular_turn):
 
 
 def dense(projector):
-    """The matrix of A, (rays, pixels)."""
     n = projector.grid.size
     units = np.eye(n * n, dtype=np.float32).reshape(-1, n, n)
     return projector.forward(units).reshape(n * n, -1).T.astype(np.float64)

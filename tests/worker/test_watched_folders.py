@@ -54,19 +54,16 @@ class Watched:
         return path
 
     def look(self, times: int = 1, *, after_s: float = 0.0) -> None:
-        """Let the taker look, each time after this number of seconds."""
         for _ in range(times):
             self.now_s += after_s
             self.taker.look()
             self.taker.wait(60.0)
 
     def take(self) -> None:
-        """Let what stands still be taken."""
         self.look()
         self.look(after_s=10.0)
 
     def settle(self) -> None:
-        """Let what stands still be taken, read and removed."""
         self.take()
         self.read()
         self.look()
@@ -92,7 +89,6 @@ class Watched:
         self.store.scanners.update(self.scanner_id, scanner.model_copy(update={"watched_folder": watched}))
 
     def scans(self) -> list[Scan]:
-        """The folder's scans, the oldest first."""
         return self.store.scans.page(scanner_id=self.scanner_id, limit=100).items[::-1]
 
     def contents(self) -> dict[str, bytes]:
@@ -433,8 +429,6 @@ def test_a_folder_that_is_away_is_waited_for_and_said_once(watched, log):
 
 
 class PoisonedScans(Scans):
-    """Has a defect at which some scans fail."""
-
     def accept(self, spec, *given, **options):
         if spec.name.startswith("poison"):
             raise RuntimeError("a defect")

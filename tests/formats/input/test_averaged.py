@@ -37,8 +37,6 @@ def read(tmp_path, write, *, rows=1000, **given):
 
 
 def edited(write, edit):
-    """The same file with other bytes."""
-
     def write_edited(path):
         write(path)
         path.write_bytes(edit(path.read_bytes()))

@@ -22,7 +22,6 @@ def parts(stack, angles_deg):
 
 
 def read(parts, **given):
-    """All samples, in one block."""
     (block,) = CanonicalScan(**parts, **given).blocks(2**20)
     return block.samples
 

@@ -21,7 +21,6 @@ NOT_WHOLE = WHOLE[:100]
 
 
 def with_checksum(data):
-    """Append the checksum that HDF5 computes of `data`."""
     with h5py.File("sum", "w", driver="core", backing_store=False) as file:
         one = file.create_dataset("a", data=np.frombuffer(data, np.uint8), chunks=(len(data),), fletcher32=True)
         return one.id.read_direct_chunk((0,))[1]

@@ -85,7 +85,6 @@ CAMERA = {"x_binning": 1, "y_binning": 0, "exposure_time": 0.1}
 
 
 def alone(write, *facts, **given):
-    """A file, what is given with it, and the facts that are remarked."""
     return write, given, set(facts)
 
 

@@ -41,14 +41,12 @@ def npy_header(shape):
 
 
 def put(place, value):
-    """The stack with another value at this place."""
     changed = VALUES.copy()
     changed[place] = value
     return changed
 
 
 def nested(depth):
-    """A struct in a struct, to this depth."""
     return {"s": nested(depth - 1)} if depth else VALUES[:, 0]
 
 
@@ -95,8 +93,6 @@ def shuffled_late(path):
 
 
 def matlab(members):
-    """HDF5 as MATLAB 7.3 begins it."""
-
     def write(path):
         hdf5(members)(path)
         path.write_bytes(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + bytes(384) + path.read_bytes())

@@ -165,7 +165,6 @@ def test_a_damaged_chunk_is_reported(tmp_path):
 
 
 def volume_of(tmp_path, rng, slices, row_pitch_mm=20.0):
-    """Write a volume of a number of slices and open it."""
     values = rng.random((slices, 6, 4), dtype=np.float32)
     places = {"centre_mm": (10.0, -30.0), "first_slice_mm": 100.0 if row_pitch_mm else 0.0}
     with new_volume(tmp_path / "volume.h5", values.shape, row_pitch_mm=row_pitch_mm, **places) as volume:

@@ -22,12 +22,10 @@ pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("seeded")]
 
 
 def ask(store) -> str:
-    """A plan's job."""
     return store.plans.accept(PlanRequest(scanner_id="example"), given={"phantom_id": "l-shape"}).job_id
 
 
 def seen(page: Page, *, yes: bool) -> None:
-    """As when another tab comes before this one, or goes."""
     hidden = "false" if yes else "true"
     page.evaluate(f"Object.defineProperty(document, 'hidden', {{configurable: true, get: () => {hidden}}})")
     page.evaluate("document.dispatchEvent(new Event('visibilitychange'))")

@@ -30,7 +30,6 @@ def stream_times():
 
 
 def check(store, worker, **changes):
-    """A drift check with this outcome."""
     store.drifts.accept(DriftRequest(scan_id="example"))
     worker.finish_drift(**changes)
 

@@ -50,7 +50,6 @@ def asymmetric(slices: int) -> np.ndarray:
 
 
 def put_volume(store, log_id: str, volume: np.ndarray, *, row_pitch_mm: float, first_slice_mm: float) -> None:
-    """In place of the log's own, with its shape in the stored result."""
     path = store.files.results(kinds.RECONSTRUCT, log_id) / "volume.h5"
     placed = {"pixel_mm": PIXEL_MM, "row_pitch_mm": row_pitch_mm, "first_slice_mm": first_slice_mm, "unit": "1/mm"}
     unknown = {"geometry": {}, "parameters": {}, "software_version": "0", "input_sha256": "0" * 64}
@@ -82,13 +81,11 @@ def pixels(page: Page) -> np.ndarray:
 
 
 def hover(page: Page, row: int, column: int, pane: int = 0) -> None:
-    """Point at the middle of a pixel."""
     box = page.locator(".pane canvas").nth(pane).bounding_box()
     page.mouse.move(box["x"] + box["width"] * (column + 0.5) / SIDE, box["y"] + box["height"] * (row + 0.5) / SIDE)
 
 
 def readout(page: Page, pane: int = 0) -> tuple[float, float, float]:
-    """x and y in mm, and the value."""
     text = page.locator(".readout").nth(pane).inner_text()
     return tuple(float(number) for number in re.search(r"x (\S+) mm, y (\S+) mm: (\S+) 1/mm", text).groups())
 

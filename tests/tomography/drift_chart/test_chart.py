@@ -45,7 +45,6 @@ def looks(seed, number, moved=nowhere, *, outliers=0.01, larger=1.0):
 
 
 def charted(given, chart=None):
-    """The chart at the first alarm, or at the end."""
     chart = chart or DriftChart()
     for look in given:
         chart = chart.with_look(look)
@@ -272,7 +271,6 @@ NOISE = np.random.default_rng(4)
 
 
 def scattering(*ratio):
-    """As an endless history has shown."""
     return LookSpread(10**12, 1e12 * np.diag(ratio), np.zeros(2), np.eye(2))
 
 

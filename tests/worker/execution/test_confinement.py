@@ -33,7 +33,6 @@ pytestmark = pytest.mark.slow
 
 
 def finish(store):
-    """Do the oldest job without a process."""
     claim = store.jobs.claim("test")
     output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
     (output / SCAN_FILE).touch()

@@ -51,8 +51,6 @@ def attempt(store: Store, tmp_path: Path) -> Callable[..., MillAttempt]:
 
 @pytest.fixture
 def finish(store: Store) -> Callable[[MillAttempt, dict[str, Any]], Job]:
-    """Commit what an attempt made."""
-
     def commit(attempt: MillAttempt, result: dict[str, Any]) -> Job:
         claim = store.jobs.claim("test")
         assert claim is not None
@@ -81,7 +79,6 @@ def send(store: Store, spec: Callable[..., ScannerSpec]) -> Callable[..., Scan]:
 
 @pytest.fixture
 def upload(send: Callable[..., Scan]) -> Callable[[NDArray[np.float64], str], Scan]:
-    """Accept a stack (views, rows, detector) of line integrals."""
     return lambda stack, angles_deg: send(
         stack, data=DataKind.LINE_INTEGRALS, angles_deg=angles_deg, phantom_id="l-shape"
     )
@@ -103,14 +100,11 @@ def ingest(attempt: Callable[..., MillAttempt], finish: Callable[[MillAttempt, d
 def ingested(
     upload: Callable[[NDArray[np.float64], str], Scan], ingest: Callable[[Scan], Scan]
 ) -> Callable[[NDArray[np.float64], str], Scan]:
-    """The same, read and ready."""
     return lambda stack, angles_deg: ingest(upload(stack, angles_deg))
 
 
 @pytest.fixture
 def calibrating(store: Store, attempt: Callable[..., MillAttempt]) -> Callable[..., MillAttempt]:
-    """Ask for a calibration of a scan; its attempt."""
-
     def ask(scan: Scan, reported: list[Progress] | None = None, **options: Any) -> MillAttempt:
         store.calibrations.accept(CalibrationRequest(scan_id=scan.id, **options))
         return attempt(kinds.CALIBRATE, reported)
@@ -120,8 +114,6 @@ def calibrating(store: Store, attempt: Callable[..., MillAttempt]) -> Callable[.
 
 @pytest.fixture
 def reconstructing(store: Store, attempt: Callable[..., MillAttempt]) -> Callable[..., MillAttempt]:
-    """Ask for a reconstruction of a scan; its attempt."""
-
     def ask(scan: Scan, **options: Any) -> MillAttempt:
         store.reconstructions.accept(ReconstructionRequest(scan_id=scan.id, **options))
         return attempt(kinds.RECONSTRUCT)

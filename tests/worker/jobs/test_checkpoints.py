@@ -63,7 +63,6 @@ def same(one, other):
 
 @pytest.fixture
 def search(ingested, calibrating, sinogram, turn):
-    """Ask for a published search of some 200 evaluations, its polish included."""
     scan = ingested(sinogram(turn(20))[:, None], "9:18")
     paper = PaperOptions(image_size=32, max_generations=1)
     return lambda: calibrating(scan, method=CalibrationMethod.PAPER, paper=paper, rows="0:1")

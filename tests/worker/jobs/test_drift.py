@@ -31,7 +31,6 @@ TURNTABLE = replace(THETA, source_shift_mm=179.2, detector_shift_mm=30.8)
 
 
 def log_scan(turn, theta=THETA, *, views=120, reverse=False, seed=4, noise=0.01):
-    """A log with 1 % noise, (views, detector)."""
     angles = -turn(views) if reverse else turn(views)
     log = LogModel.random(4).slice_at(120.0).moved(5.0, -3.0)
     return simulate_sinogram(log, FanBeamGeometry(MILL, theta, angles), noise=noise, seed=seed)
@@ -39,7 +38,6 @@ def log_scan(turn, theta=THETA, *, views=120, reverse=False, seed=4, noise=0.01)
 
 @pytest.fixture
 def known(calibration):
-    """The calibration of that scanner."""
     return calibration(THETA, scanner=CONSTANTS, source_frame=THETA.source_frame(859.46))
 
 

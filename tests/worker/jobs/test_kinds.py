@@ -139,7 +139,6 @@ def test_a_plan_needs_its_sinogram(store, scan, attempt):
 
 @pytest.fixture
 def asked(store, spec, theta):
-    """Ask for a plan on one scanner."""
     store.scanners.create(spec(), scanner_id="line-2")
     ask = PlanRequest(scanner_id="line-2", theta=theta, views=30, noise=0.01)
     return lambda phantom_id: store.plans.accept(ask, given={"phantom_id": phantom_id})
@@ -170,7 +169,6 @@ COUNTS = np.random.default_rng(7).integers(1000, 30_000, (12, 1, 8)).astype(np.u
 
 
 def inspecting(store, attempt, content, **options):
-    """The attempt at an inspection of a file's bytes."""
     received = store.files.receive([content], max_bytes=10**7)
     store.inspections.accept_file(InspectionOptions(**options), received, name="morning.npz")
     return attempt(kinds.INSPECT)

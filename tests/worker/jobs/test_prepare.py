@@ -36,8 +36,6 @@ PHOTONS, DARK = 20_000.0, 200.0
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """What a scan's file holds."""
-
     stack: np.ndarray
     air_level: np.ndarray | None
     remarks: tuple[str, ...]
