@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 import typer
 from generate import PAGES as GENERATED
+from page_blocks import in_process
 from PIL import Image
 from pydantic import TypeAdapter
 from scan_files import new_volume
-from typer.testing import CliRunner
 
 from sawmill_command.commands import main
 from sawmill_contracts.phantoms import PhantomDrawing
@@ -64,13 +64,8 @@ def ray_error_mm(frame: dict[str, float]) -> float:
 def test_the_readme_s_block_works(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     run_in_process(script(README.read_text()))
-    check_pictures(tmp_path, "report.png")
-
-
-def check_pictures(folder: Path, *names: str) -> None:
-    for name in names:
-        with Image.open(folder / name) as picture:
-            assert picture.size >= (256, 256), name
+    with Image.open(tmp_path / "report.png") as picture:
+        assert picture.size >= (256, 256)
 
 
 @pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: path.name)
@@ -89,12 +84,6 @@ def test_every_sawmill_command_is_parsed(path, tmp_path, monkeypatch):
                 command = command.commands[arguments.pop(0)]
             with command.make_context(line, arguments):
                 pass
-
-
-def in_process(*arguments: object) -> str:
-    done = CliRunner().invoke(main, [str(argument) for argument in arguments])
-    assert done.exit_code == 0, done.output
-    return done.stdout
 
 
 def run_in_process(commands: str) -> None:

@@ -93,13 +93,10 @@ def test_each_benchmark_is_named_by_a_page_or_a_target_or_is_part_of_one_that_is
     namers = "".join(path.read_text() for path in (ROOT / "Makefile", *PAGES))
     reached = set(re.findall(r"(?<!tests/)benchmarks/(\w+)\.py(?![^`\n]*`\s+at [0-9a-f]{8})", namers))
     assert reached <= scripts.keys()
-    while more := imported([scripts[name] for name in reached] + parts) & scripts.keys() - reached:
+    imports, sources = re.compile(r"^ *(?:from|import) (\w+)", re.MULTILINE), "\n".join(parts)
+    while more := {*imports.findall("\n".join([sources, *map(scripts.get, reached)]))} & scripts.keys() - reached:
         reached |= more
     assert reached == scripts.keys()
-
-
-def imported(sources):
-    return set(re.findall(r"^ *(?:from|import) (\w+)", "\n".join(sources), re.MULTILINE))
 
 
 TABLE = "| a |\n|---|\n| 1 |"

@@ -158,11 +158,8 @@ def result(calibration, theta):
 
     def of(longer=0.0, column_mm=0.0, covariance=COVARIANCE):
         frame = theta.source_frame(859.46)
-        off = replace(
-            frame,
-            source_distance_mm=frame.source_distance_mm * (1.0 + longer),
-            cor_column_mm=frame.cor_column_mm + column_mm,
-        )
+        r_mm, u_c_mm = frame.source_distance_mm * (1.0 + longer), frame.cor_column_mm + column_mm
+        off = replace(frame, source_distance_mm=r_mm, cor_column_mm=u_c_mm)
         return calibration(source_frame=off, covariance=covariance, predicted_ray_error_mm=PREDICTED)
 
     return of

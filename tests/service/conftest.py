@@ -5,7 +5,7 @@ import io
 import json
 import shutil
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, ExitStack, redirect_stderr
+from contextlib import ExitStack, redirect_stderr
 from dataclasses import dataclass, field
 from functools import partial, partialmethod
 from pathlib import Path
@@ -19,6 +19,7 @@ import results
 from asgi import asynchronous, scope_of
 from emptied_databases import PostgresDatabases
 from plain_logs import log_plainly
+from scan_files import new_volume
 
 from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import CalibrationRequest
@@ -35,7 +36,6 @@ from sawmill_formats.nexus import PACKED
 from sawmill_formats.output.calibration_file import NamedArray
 from sawmill_formats.output.calibration_file import write_calibration as write_calibration_file
 from sawmill_formats.output.scan_writer import write_scan as write_scan_file
-from sawmill_formats.output.volume_writer import NewVolume, new_reconstruction
 from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.contracts.keys import KeyRequest, NewKey, Scope
 from sawmill_platform.contracts.uploads import UploadRequest
@@ -356,14 +356,14 @@ def write_calibration(folder: Path) -> None:
 
 
 def write_reconstruction(folder: Path, volume: np.ndarray) -> None:
-    with new_volume(folder, volume.shape) as volume_file:
+    with new_volume(folder / "volume.h5", volume.shape, pixel_mm=1.25, row_pitch_mm=20.0) as volume_file:
         volume_file.write(0, volume)
 
 
 def write_sparse_reconstruction(folder: Path, volume: np.ndarray) -> None:
     """With all that only some methods leave, and the deviations that an earlier version wrote."""
     alphas = np.geomspace(1e-3, 1e3, 31)
-    with new_volume(folder, volume.shape) as volume_file:
+    with new_volume(folder / "volume.h5", volume.shape, pixel_mm=1.25, row_pitch_mm=20.0) as volume_file:
         volume_file.write(0, volume)
         norms = {"residual_norms": 1.0 + alphas, "solution_norms": 1.0 / alphas, "gcv": 1.0 + alphas}
         volume_file.note_alpha_curve({"alphas": alphas, **norms, "alpha": np.array(1.0)})
@@ -371,12 +371,6 @@ def write_sparse_reconstruction(folder: Path, volume: np.ndarray) -> None:
         stored = {"chunks": (1, *volume.shape[1:]), **PACKED, "fletcher32": True}
         file.create_dataset("entry/reconstruction/data_errors", data=np.float32(0.1) * volume, **stored)
         file["entry/reconstruction/data_errors"].attrs["units"] = "1/mm"
-
-
-def new_volume(folder: Path, shape: tuple[int, ...] = (SLICES, SIDE, SIDE)) -> AbstractContextManager[NewVolume]:
-    known = {"pixel_mm": 1.25, "row_pitch_mm": 20.0, "unit": "1/mm"}
-    unknown = {"geometry": {}, "parameters": {}, "software_version": "0", "input_sha256": "0" * 64}
-    return new_reconstruction(folder / "volume.h5", shape, **known, **unknown)
 
 
 def calibration_result(**changes: Any) -> dict[str, Any]:

@@ -266,12 +266,8 @@ def test_on_pixels_as_fine_as_the_detector_the_noise_is_below_odl_s(odl_fbp, sca
 ROUNDING = 1e-4
 
 
-@pytest.fixture
-def projector(scanner, theta):
-    def of(angles, size=65):
-        return Projector(FanBeamGeometry(scanner, theta, angles), ImageGrid(size, 400.0))
-
-    return of
+def projector(scanner, theta, angles, size=65):
+    return Projector(FanBeamGeometry(scanner, theta, angles), ImageGrid(size, 400.0))
 
 
 def noise(views, slices, seed):
@@ -279,9 +275,9 @@ def noise(views, slices, seed):
 
 
 @pytest.mark.parametrize("slices", [1, 3, 5, 16, 33])
-def test_a_block_is_its_slices(projector, irregular_turn, slices):
+def test_a_block_is_its_slices(scanner, theta, irregular_turn, slices):
     # 38 views: no multiple of the views that are summed at a time. 65 pixels: no multiple of a tile.
-    at = projector(irregular_turn(38, 701))
+    at = projector(scanner, theta, irregular_turn(38, 701))
     stack = noise(38, slices, 702)
     volume = fbp(at, stack.transpose(1, 0, 2)).image
     assert volume.shape == (slices, 65, 65)
@@ -291,21 +287,21 @@ def test_a_block_is_its_slices(projector, irregular_turn, slices):
 
 @pytest.mark.parametrize("weighting", ["exact", "none"])
 @pytest.mark.parametrize("sense", [1, -1])
-def test_views_a_quarter_turn_apart_are_views_like_any_other(projector, full_turn, weighting, sense):
+def test_views_a_quarter_turn_apart_are_views_like_any_other(scanner, theta, full_turn, weighting, sense):
     angles, order = sense * full_turn(40), np.random.default_rng(703).permutation(40)
     stack = noise(40, 5, 704)
     options = {"filter_name": FilterName.COSINE, "frequency_scaling": 0.8, "weighting": weighting}
-    shared = fbp(projector(angles, 64), stack[:, 0], **options).image
+    shared = fbp(projector(scanner, theta, angles, 64), stack[:, 0], **options).image
     for other in (
-        fbp(projector(angles[order] + TAU, 64), stack[order, 0], **options).image,
-        fbp(projector(angles, 64), stack.transpose(1, 0, 2), **options).image[0],
+        fbp(projector(scanner, theta, angles[order] + TAU, 64), stack[order, 0], **options).image,
+        fbp(projector(scanner, theta, angles, 64), stack.transpose(1, 0, 2), **options).image[0],
     ):
         np.testing.assert_allclose(shared, other, atol=ROUNDING * np.abs(shared).max())
 
 
-def test_a_block_of_another_shape_is_refused(projector, full_turn):
+def test_a_block_of_another_shape_is_refused(scanner, theta, full_turn):
     with pytest.raises(GeometryError, match=r"the block has shape \(5, 11, 768\).*\(any, 10, 768\)"):
-        fbp(projector(full_turn(10)), noise(11, 5, 705).transpose(1, 0, 2))
+        fbp(projector(scanner, theta, full_turn(10)), noise(11, 5, 705).transpose(1, 0, 2))
 
 
 PITCH = 1.5

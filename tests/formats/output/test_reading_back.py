@@ -56,29 +56,24 @@ def test_deviations_are_read_as_what_they_are_of_and_damaged_values_are_refused(
             opened.rows(range(3))
 
 
-@pytest.fixture
-def volume(tmp_path):
+def volume(tmp_path, row_pitch_mm):
     """Write a volume of 3 x 4 x 4 random numbers as jobs do: the file, and what is in it."""
-
-    def write(row_pitch_mm):
-        slices = np.random.default_rng(4).random((3, 4, 4), dtype=np.float32)
-        path = tmp_path / "volume.h5"
-        places = {"centre_mm": (10.0, -20.0), "first_slice_mm": 60.0}
-        with new_volume(path, slices.shape, pixel_mm=2.5, row_pitch_mm=row_pitch_mm, **places) as volume_file:
-            volume_file.write(0, slices[:2])
-            volume_file.write(2, slices[2:])
-        return path, slices
-
-    return write
+    slices = np.random.default_rng(4).random((3, 4, 4), dtype=np.float32)
+    path = tmp_path / "volume.h5"
+    places = {"centre_mm": (10.0, -20.0), "first_slice_mm": 60.0}
+    with new_volume(path, slices.shape, pixel_mm=2.5, row_pitch_mm=row_pitch_mm, **places) as volume_file:
+        volume_file.write(0, slices[:2])
+        volume_file.write(2, slices[2:])
+    return path, slices
 
 
-def test_a_slice_is_one_of_the_volume_s_and_knows_where_it_lies_along_the_log(volume):
-    path, slices = volume(None)
+def test_a_slice_is_one_of_the_volume_s_and_knows_where_it_lies_along_the_log(tmp_path):
+    path, slices = volume(tmp_path, None)
     read = volume_slice(path, slices.shape, 1)
     np.testing.assert_array_equal(read.data, slices[1])
     assert (read.pixel_mm, read.unit) == (2.5, "1/mm")
     assert (read.height_mm, read.label) == (None, "slice 1")
-    path, slices = volume(20.0)
+    path, slices = volume(tmp_path, 20.0)
     read = list(volume_slices(path, slices.shape, [2, 0]))
     np.testing.assert_array_equal([one.data for one in read], slices[[2, 0]])
     assert [one.label for one in read] == ["slice 2, 100 mm", "slice 0, 60 mm"]
@@ -86,14 +81,14 @@ def test_a_slice_is_one_of_the_volume_s_and_knows_where_it_lies_along_the_log(vo
         list(volume_slices(path, slices.shape, [0, 3]))
 
 
-def test_side_views_are_the_densest_along_their_axis_and_have_no_length_without_spacing(volume):
-    path, slices = volume(20.0)
+def test_side_views_are_the_densest_along_their_axis_and_have_no_length_without_spacing(tmp_path):
+    path, slices = volume(tmp_path, 20.0)
     along_x, along_y = side_view(path, slices.shape, "x"), side_view(path, slices.shape, "y")
     np.testing.assert_array_equal(along_x.data, slices.max(axis=1))
     np.testing.assert_array_equal(along_y.data, slices.max(axis=2))
     assert (along_x.across, along_x.across_mm, along_x.along_mm) == ("y", (-25.0, -15.0), (50.0, 110.0))
     assert (along_y.across, along_y.across_mm, along_y.unit) == ("x", (5.0, 15.0), "1/mm")
-    path, slices = volume(None)
+    path, slices = volume(tmp_path, None)
     assert side_view(path, slices.shape, "x").along_mm is None
 
 
