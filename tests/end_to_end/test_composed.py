@@ -105,11 +105,9 @@ def test_what_compose_starts_does_a_mill_s_work(composed, mill, phantom_scan):
     # The proxy is believed about who asked, and it does not believe the client.
     entries = mill.get("/v1/audit").json()["items"]
     assert [entry["address"] for entry in entries if entry["action"] == "scanner-created"] == [CLIENT]
-
     assert not environments(composed) & {secret(composed, "sawmill_token"), secret(composed, "database_password")}
     with pytest.raises(psycopg.OperationalError, match="password authentication failed"):
         composed.database(password="guessed")  # noqa: S106
-
     # Redis dies with a job on its way, and the wake-up of the next one is lost; then a worker, with a schedule due.
     composed.kill("redis")
     schedule = mill.post("/v1/schedules", json={"scanner_id": scanner.json()["id"], "cron": "0 0 1 1 *"}).json()
@@ -129,7 +127,6 @@ def test_what_compose_starts_does_a_mill_s_work(composed, mill, phantom_scan):
     assert [run["outcome"] for run in runs] == ["queued"]
     for name in ("worker", "short-worker"):
         assert landlock.version() == 0 or "attempts-not-confined" not in composed.log(name).read_text()
-
     assert set(composed.down().values()) == {0}
 
 

@@ -301,7 +301,6 @@ MARKS = {f"{ask.__name__}-{name}": mark for ask, name, mark in FIELDS} | {str(ea
 def test_an_answer_to_who_uses_what_is_out_of_use_says_so_and_links_to_the_document(seeded, log_lines):
     assert not {"Deprecation", "Link"} & {*seeded.post(PATH, json={"scan_id": "example"}).headers}
     assert not [line for line in log_lines() if line["event"] == "out-of-use"]
-
     used = seeded.post(PATH, json={"scan_id": "example", "uncertainty": False}, headers={"Idempotency-Key": "once"})
     check_documented(used)
     assert used.status_code == 202
@@ -309,7 +308,6 @@ def test_an_answer_to_who_uses_what_is_out_of_use_says_so_and_links_to_the_docum
     [line] = [line for line in log_lines() if line["event"] == "out-of-use"]
     assert line["fields"] == {"uncertainty": "0.3.0"}
     assert {"key_id", "request_id"} <= line.keys()
-
     again = seeded.post(PATH, json={"scan_id": "example", "uncertainty": False}, headers={"Idempotency-Key": "once"})
     announced = ("Deprecation", "Link", "Location")
     assert [again.headers[name] for name in announced] == [used.headers[name] for name in announced]

@@ -353,7 +353,6 @@ def test_a_busy_upload_and_a_locked_database_are_answered_before_a_part_is_read(
     check_documented(busy)
     with write_lock(store.files.folder / "sawmill.db"):
         assert send_part(seeded, path, 0, CONTENT).status_code == 503
-
         assert send_part(seeded, path, 0, untouchable()).status_code == 503
 
 

@@ -176,7 +176,6 @@ def test_an_unchanged_file_is_linked_and_not_read(store, settings, upload, finis
     assert len(set(both)) == 2, "an upload and a result, whatever their names"
     done = subprocess.run(["sha256sum", "--check", "--quiet", SUMS], cwd=second.path, check=False)
     assert done.returncode == 0, "the list can be checked without this product"
-
     of_a_wrong_clock = first.path.rename(into / "sawmill-20380119T031407Z")
     assert len(remove_older(into, 2, second.path)) == 1
     assert remove_older(into, 1, second.path) == [of_a_wrong_clock], "not the one that was just taken"

@@ -153,7 +153,6 @@ def test_the_time_left_adds_up_what_runs_and_what_stands_before(store, add_jobs,
     add_jobs(1, kinds.RECONSTRUCT)
     add_jobs(2, kinds.PLAN, short=True)
     assert waits(later) == [(0, 100.0), (1, 200.0), (0, 4.0), (1, 8.0)]
-
     first = later.jobs.claim("test")
     clock.advance(seconds=30.0)
     assert later.jobs.get(first.job_id).seconds_left == 70.0

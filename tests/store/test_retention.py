@@ -293,7 +293,6 @@ def test_an_activation_and_a_removal_at_one_time_wait_for_one_another(mill, sett
     assert carried_out(mill) == {RetentionKind.CALIBRATIONS: 1}
     activating.join()
     assert mill.calibrations.get(activated).state == JobState.SUCCEEDED
-
     # The other way round: it is gone when the activation gets its turn.
     with mill.database.write() as session:
         assert session.get(JobRow, "none") is None

@@ -70,7 +70,6 @@ def test_rows_that_do_not_come_leave_it_grey_and_older_ones_never_come_last(site
     expect(example).to_contain_text("Fine")
     expect(page.get_by_role("alert")).to_be_hidden()
     assert "Out of tolerance" in example.text_content()
-
     held = []
     page.route("**/today/rows", lambda route: held.append((route, route.fetch())), times=1)
     check(store, worker)
@@ -130,7 +129,6 @@ def test_an_alarm_is_acknowledged_with_two_touches_and_comes_back_at_its_time(si
     expect(page.get_by_text("Kuitattu").first).to_contain_text("Huolto")
     (alarm,) = store.alarms.open()
     assert alarm.acknowledged.until.astimezone(ZoneInfo("Asia/Tokyo")).hour in {6, 14, 22}
-
     store.alarms.acknowledge("example", AlarmKind.NO_PHANTOM_SCAN, store.now() + timedelta(seconds=4), "huolto")
     page.goto("/")
     example = page.locator("#scanner-example")
