@@ -28,11 +28,7 @@ SEEN = np.array([1.0, 25.0])
 A_DAY = 2000
 
 
-def nowhere(_days):
-    return 0.0
-
-
-def looks(seed, number, moved=nowhere, *, outliers=0.01, larger=1.0):
+def looks(seed, number, moved=lambda _days: 0.0, *, outliers=0.01, larger=1.0):
     """A day has 2 000; each has its own covariance, and some have an error of fifteen standard deviations and more."""
     rng = np.random.default_rng(seed)
     for k in range(number):
