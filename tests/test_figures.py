@@ -137,7 +137,6 @@ def test_a_mark_without_a_figure_is_named(mark):
 
 
 def measured(folder, *, before_s, after_s):
-    """The file that a measurement writes while the reference computation takes so long."""
     times = iter((before_s, after_s))
     Measurement.begin("worker", reference=lambda: next(times)).write({"speed": {"total_s": 2.0}}, folder)
     return json.loads((folder / "speed.json").read_text())

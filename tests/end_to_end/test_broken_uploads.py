@@ -316,7 +316,6 @@ def test_writers_are_refused_and_readers_are_answered_while_the_lock_is_held(liv
     read = threading.Event()
 
     def write() -> list[httpx.Response]:
-        """Write at least once, and again and again until the reader has been answered."""
         answers = []
         while not answers or not read.is_set():
             query = {"scanner_id": scanner_id, "data": "counts"}

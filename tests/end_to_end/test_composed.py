@@ -141,7 +141,6 @@ def environments(composed: Composed) -> set[str]:
 
 
 def wait_for_end(mill: httpx.Client, job_id: str) -> None:
-    """Wait for a job's success: up to 55 s an answer, in which nothing comes."""
     for _ in range(4):
         job = mill.get(f"/v1/jobs/{job_id}", params={"wait": 55}).json()
         if job["state"] not in {"queued", "running"}:

@@ -20,8 +20,6 @@ TEMPORARY = ("attempts", "incoming", "removed")
 
 @dataclass(frozen=True)
 class Ledger:
-    """The content of the database at the end."""
-
     states: dict[str, str]
     losses: int
     doubles: list[str]

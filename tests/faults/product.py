@@ -58,7 +58,6 @@ class Product:
 
     @property
     def api(self) -> list[int]:
-        """The process that serves, and the Celery worker."""
         return [self._running[place].pid for place in sorted(self._running)]
 
     def start(self) -> None:

@@ -92,8 +92,6 @@ def test_a_picture_is_drawn_once_for_head_and_get_and_a_file_gone_before_it_was_
 
 
 class SlowResults(VerifiedResults):
-    """Verifies volumes when it is let go on."""
-
     def __init__(self, store):
         super().__init__(store.jobs.digest_of_result, pytest.fail, pytest.fail)
         self.begun, self.go_on, self.computed = Event(), Event(), []

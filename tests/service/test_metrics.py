@@ -36,7 +36,6 @@ pytestmark = pytest.mark.usefixtures("seeded")
 
 
 def scrape(client, name: str, **labels: str) -> float | None:
-    """Reads one value by its name and labels; none where there is none."""
     families = text_string_to_metric_families(client.get("/metrics").text)
     found = (sample for family in families for sample in family.samples)
     return next((sample.value for sample in found if (sample.name, sample.labels) == (name, labels)), None)

@@ -234,12 +234,10 @@ def followed_by(operation_id: str) -> tuple[str, str]:
 
 @pytest.fixture(params=["store", pytest.param("postgresql_store", marks=pytest.mark.nightly)])
 def changing(request, seeded, settings):
-    """A client of a service with the examples, on each database in turn."""
     return replace(seeded, app=create_app(settings, request.getfixturevalue(request.param), [].append))
 
 
 def options_of(client, example):
-    """What a request's query, headers and body are, as httpx is given them."""
     options = {"params": example["query"], "headers": example["headers"]}
     if example["body_file"]:
         offered = client.get(example["body_file"])

@@ -375,7 +375,6 @@ def test_what_must_not_be_done_is_refused_in_a_sentence(filled, settings, backup
 
 
 def full_at(name):
-    """Refuse to open a file of this name, as a full disk does."""
     refuse = refusing(errno.ENOSPC)
     return lambda path: refuse(path) if path.endswith(name) else None
 
@@ -397,7 +396,6 @@ def test_a_full_disk_leaves_no_restored_service(backup, elsewhere, name):
 
 
 def killed(call):
-    """Do it in a fork, which may kill itself; whether it has."""
     child = os.fork()
     if child == 0:
         try:

@@ -41,8 +41,6 @@ INPUT = Failure(kind=FailureKind.INPUT, code="phantom-not-seen", detail="no phan
 
 
 class Observer:
-    """Looks through a store at times of its own clock."""
-
     def __init__(self, store):
         self.now_s = 0.0
         self.leftovers = store.leftovers(grace_s=GRACE_S, now_s=lambda: self.now_s)

@@ -110,7 +110,6 @@ def test_many_workers_serve_groups_alike_and_each_job_once(store, add_jobs):
 
 
 def waits(store):
-    """Each queued job's place and time, the next one first."""
     jobs = store.jobs.page(state=JobState.QUEUED, limit=200).items
     assert [store.jobs.get(job.id) for job in jobs] == jobs  # alone as in a list
     order = list(store.jobs.queued_job_ids())

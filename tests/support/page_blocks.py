@@ -17,7 +17,6 @@ KNOWN = {f"SAWMILL_{name.upper()}" for settings in SETTINGS for name in settings
 
 
 def blocks(page: Path, language: str = "text") -> list[str]:
-    """The fenced blocks of a language; a line that is continued is one line."""
     found = re.findall(rf"^```{language}\n(.*?)^```$", page.read_text(), re.MULTILINE | re.DOTALL)
     return [block.replace("\\\n", "") for block in found]
 

@@ -73,7 +73,6 @@ def nxtomo(tmp_path, stack, angles_deg):
 
 @pytest.fixture(scope="session")
 def published_data():
-    """The folder of the published data."""
     folder = Path(os.environ.get("SAWMILL_PUBLISHED_DATA", Path(__file__).parents[3] / "shared" / "data"))
     if not folder.is_dir():
         pytest.skip(f"the published data are not at {folder}; name their folder in SAWMILL_PUBLISHED_DATA")
@@ -86,14 +85,12 @@ def file(tmp_path):
 
 
 def saved(write, *arguments, **named):
-    """The bytes of what is written."""
     stream = io.BytesIO()
     write(stream, *arguments, **named)
     return stream.getvalue()
 
 
 def read_scan(path, **given):
-    """A scan with all of its projections in memory."""
     with reading_scan(path, **given) as scan:
         (block,) = scan.blocks(2**30)
         return replace(scan, projections=block.samples)
@@ -109,7 +106,6 @@ def refusal(path, **given):
 
 
 def refused(path, code, *words, **given):
-    """The sentence that refuses a file, with this code and these words."""
     found, sentence = refusal(path, **given)
     assert found == code, sentence
     assert [word for word in words if word not in sentence] == [], sentence

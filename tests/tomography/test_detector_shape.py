@@ -65,7 +65,6 @@ def test_modules_on_an_arc_begin_where_the_arc_is():
 
 @pytest.fixture(scope="module")
 def turn():
-    """Line integrals on an arc from 90 views, by exact chords."""
     angles = full_turn(90)
     return angles, -np.log(scan(WOOD, ON_ARC, FRAME, angles))
 

@@ -69,7 +69,6 @@ class Watched:
         self.look()
 
     def read(self) -> None:
-        """Read all scans that wait, without any science."""
         while claim := self.store.jobs.claim("a worker"):
             if self.content(self.store.scans.get(claim.job.subject_id)).startswith(BAD):
                 failure = Failure(kind=FailureKind.INPUT, code="unknown-format", detail="the file is no scan")
@@ -79,7 +78,6 @@ class Watched:
             self.store.jobs.succeed(claim, answer_of(claim.job.kind, reading()), output)
 
     def again(self) -> None:
-        """Take the place of the taker by one that knows nothing, as after a kill."""
         self.taker.close()
         self.taker = self.new_taker()
 
@@ -146,7 +144,6 @@ def watched(place: Path, empty_data: Path) -> Iterator[Watched]:
 
 @pytest.fixture
 def log() -> Iterator[Callable[[str], list[dict]]]:
-    """Gives the events of a name that have been logged since it was asked last."""
     with capture_logs() as entries:
 
         def lines(event: str) -> list[dict]:

@@ -101,7 +101,6 @@ def matlab(members):
 
 
 def symbolic_link(path):
-    """An archive whose array is a link to a file beside it."""
     entry = ZipInfo("data.npy")
     entry.create_system, entry.external_attr = 3, (stat.S_IFLNK | 0o777) << 16
     with ZipFile(path, "w") as archive:

@@ -180,7 +180,6 @@ def runner(store: Store, settings: ExecutionSettings, stop: threading.Event, sta
 def start(
     store: Store, settings: ExecutionSettings, stop: threading.Event, attempts: Callable[..., Starter]
 ) -> Iterator[Callable[..., Runner]]:
-    """Make a runner with settings of its own, or on a store, or with a starter of its own."""
     with ExitStack() as made:
 
         def begin(on: Store = store, starter: AttemptStarter | None = None, **changed: Any) -> Runner:

@@ -178,7 +178,6 @@ def share_memory(attempt: Attempt) -> dict[str, Any]:
 
 
 def start_a_thread(_: Attempt) -> dict[str, Any]:
-    """With a stack that there is no room for."""
     threading.stack_size(2**30)
     threading.Thread(target=print).start()
     return {}
@@ -208,7 +207,6 @@ def tell_all(attempt: Attempt) -> dict[str, Any]:
 
 
 def write_process_id(attempt: Attempt) -> None:
-    """Into the file `pid`, which is whole when it is there."""
     begun = attempt.output / "pid.part"
     begun.write_text(str(os.getpid()))
     begun.rename(attempt.output / "pid")
@@ -223,14 +221,12 @@ def talk(attempt: Attempt) -> dict[str, Any]:
 
 
 def hang(_: Attempt) -> dict[str, Any]:
-    """Without a word, and deaf to SIGTERM."""
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     time.sleep(600)
     return {}
 
 
 def loop(_: Attempt) -> dict[str, Any]:
-    """As a library does on a damaged file: with a core, and deaf to SIGTERM."""
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     while True:
         pass
@@ -287,8 +283,6 @@ def answer_and_stay(attempt: Attempt) -> dict[str, Any]:
 
 
 def writing(pieces: Iterable[bytes]) -> Behaviour:
-    """Write past the protocol, and stay."""
-
     def behaviour(attempt: Attempt) -> dict[str, Any]:
         for piece in pieces:
             write_to_worker(piece)

@@ -234,8 +234,6 @@ def test_a_result_is_published_once_its_process_is_gone(store, start, store_with
 
 
 def full_disk_at(**first):
-    """Jobs on a disk that is full when the first of these calls are to be written."""
-
     def refused(name):
         def call(jobs, *arguments, **options):
             if first[name]:

@@ -46,7 +46,6 @@ def mark(storage: StorageSettings, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def processes_of(folder: Path) -> list[int]:
-    """Every live process whose environment has this data folder's mark."""
     found = []
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit() and int(entry.name) != os.getpid():

@@ -35,8 +35,6 @@ def store(tmp_path: Path, empty_data: Path) -> Iterator[Store]:
 
 @pytest.fixture
 def attempt(store: Store, tmp_path: Path) -> Callable[..., MillAttempt]:
-    """An attempt at the newest job of a kind, and what it reported."""
-
     def at(kind: JobKind, reported: list[Progress] | None = None) -> MillAttempt:
         (job,) = store.jobs.page(kind=kind, limit=1).items
         output = tmp_path / f"output-{job.id}"
@@ -65,7 +63,6 @@ def finish(store: Store) -> Callable[[MillAttempt, dict[str, Any]], Job]:
 
 @pytest.fixture
 def send(store: Store, spec: Callable[..., ScannerSpec]) -> Callable[..., Scan]:  # noqa: F811
-    """Accept one array, or several by name, as a scan of one scanner's that is declared so."""
     store.scanners.create(spec(), scanner_id="line-2")
 
     def accept(content: NDArray[Any] | dict[str, NDArray[Any]], **declared: Any) -> Scan:
@@ -86,8 +83,6 @@ def upload(send: Callable[..., Scan]) -> Callable[[NDArray[np.float64], str], Sc
 
 @pytest.fixture
 def ingest(attempt: Callable[..., MillAttempt], finish: Callable[[MillAttempt, dict[str, Any]], Job]) -> Callable:
-    """Read the newest upload, and give it back."""
-
     def read(scan: Scan) -> Scan:
         reading = attempt(kinds.INGEST)
         finish(reading, run(reading))
