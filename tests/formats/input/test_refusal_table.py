@@ -1,8 +1,4 @@
-"""A table of half-right files and the sentences that refuse them: what is wrong, in which number, and what is right.
-
-The sentences are in refusals.txt: none asks for exactly what the file has. Files that are damaged are in
-test_refusals.py, those that unpack to gigabytes in test_bombs.py.
-"""
+"""A table of half-right files; the sentences that refuse them are in refusals.txt, none asks for what the file has."""
 
 import io
 import stat
