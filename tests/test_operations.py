@@ -95,10 +95,9 @@ def test_keys_and_backups_go_as_the_pages_have_them(tmp_path):
     [made] = disk.glob("sawmill-*")
     assert str(made) in taken
     done = set()
+    dated = re.compile(r"sawmill-\d{8}T\d{6}Z")
     for words in [words for words in commands(DO / "backup.md") if words[0] in {"backup", "restore"}]:
-        line = [
-            re.sub(r"sawmill-\d{8}T\d{6}Z", made.name, word).replace("/mnt/usb/sawmill", str(disk)) for word in words
-        ]
+        line = [dated.sub(made.name, word).replace("/mnt/usb/sawmill", str(disk)) for word in words]
         line = [word.replace("/var/lib/sawmill", str(restored)) for word in line]
         if line[0] == "restore":
             run(line)
