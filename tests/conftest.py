@@ -116,7 +116,6 @@ def redis_url() -> Iterator[str]:
 
 @pytest.fixture(params=["", ":wrong-word@"], ids=["no password", "another password"])
 def refusing_redis_url(request: pytest.FixtureRequest, redis_url: str) -> str:
-    """The address of a Redis server that refuses it."""
     with redis.Redis.from_url(redis_url) as client:
         client.config_set("requirepass", "right-word")
     return redis_url.replace("//", f"//{request.param}")
@@ -132,7 +131,6 @@ def postgres(tmp_path_factory: pytest.TempPathFactory) -> Iterator[PostgresDatab
 
 @pytest.fixture
 def postgres_url(postgres: PostgresDatabases) -> Iterator[str]:
-    """An empty database of the test's own."""
     with postgres.database() as url:
         yield url
 

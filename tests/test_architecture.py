@@ -27,7 +27,6 @@ WORKER = ROOT / "worker"
 
 @cache
 def imported_by(statements: str) -> frozenset[str]:
-    """Every module that a fresh interpreter holds after some statements."""
     script = f"import sys\n{statements}\nprint(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False, cwd=ROOT)
     assert done.returncode == 0, done.stderr

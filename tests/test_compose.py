@@ -38,7 +38,6 @@ def ours(services):
 
 
 def words(service):
-    """Its command, and its health check's as it stands after the shell."""
     kind, *check = service.get("healthcheck", {"test": ["NONE"]})["test"]
     return [service["command"], *([] if kind == "NONE" else [check[0].split() if kind == "CMD-SHELL" else check])]
 
@@ -161,7 +160,6 @@ def test_the_servers_are_those_that_tests_run_with(services):
 
 
 def documented_commands():
-    """What docs/do/run.md says of one machine and of a cluster."""
     lines = [line for block in blocks(OPERATIONS, "sh") for line in block.splitlines()]
     return [line.split() for line in lines if not line.startswith("export ")]
 

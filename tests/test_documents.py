@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 import typer
 from generate import PAGES as GENERATED
+from page_blocks import in_process
 from PIL import Image
 from pydantic import TypeAdapter
 from scan_files import new_volume
-from typer.testing import CliRunner
 
 from sawmill_command.commands import main
 from sawmill_contracts.phantoms import PhantomDrawing
@@ -43,13 +43,11 @@ ELSEWHERE = ("make ", 'export PATH="$PWD/.venv/bin', "sawmill serve", ".venv/bin
 
 
 def sections(path: Path) -> dict[str, str]:
-    """The text below each heading of the second level."""
     parts = re.split(r"^## (.+)$", path.read_text(), flags=re.MULTILINE)
     return dict(zip(parts[1::2], parts[2::2], strict=True))
 
 
 def blocks(text: str, language: str) -> list[str]:
-    """The fenced blocks of one language, in order."""
     return re.findall(rf"^```{language}\n(.*?)^```$", text, flags=re.MULTILINE | re.DOTALL)
 
 
@@ -66,13 +64,8 @@ def ray_error_mm(frame: dict[str, float]) -> float:
 def test_the_readme_s_block_works(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     run_in_process(script(README.read_text()))
-    check_pictures(tmp_path, "report.png")
-
-
-def check_pictures(folder: Path, *names: str) -> None:
-    for name in names:
-        with Image.open(folder / name) as picture:
-            assert picture.size >= (256, 256), name
+    with Image.open(tmp_path / "report.png") as picture:
+        assert picture.size >= (256, 256)
 
 
 @pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: path.name)
@@ -91,13 +84,6 @@ def test_every_sawmill_command_is_parsed(path, tmp_path, monkeypatch):
                 command = command.commands[arguments.pop(0)]
             with command.make_context(line, arguments):
                 pass
-
-
-def in_process(*arguments: object) -> str:
-    """What needs no shell; its standard output."""
-    done = CliRunner().invoke(main, [str(argument) for argument in arguments])
-    assert done.exit_code == 0, done.output
-    return done.stdout
 
 
 def run_in_process(commands: str) -> None:
@@ -320,7 +306,6 @@ def test_every_test_that_shows_a_figure_exists():
 
 
 def texts():
-    """Every text file that belongs to the project."""
     command = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
     listed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
     for name in filter(None, listed.stdout.split("\0")):

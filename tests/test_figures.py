@@ -93,14 +93,10 @@ def test_each_benchmark_is_named_by_a_page_or_a_target_or_is_part_of_one_that_is
     namers = "".join(path.read_text() for path in (ROOT / "Makefile", *PAGES))
     reached = set(re.findall(r"(?<!tests/)benchmarks/(\w+)\.py(?![^`\n]*`\s+at [0-9a-f]{8})", namers))
     assert reached <= scripts.keys()
-    while more := imported([scripts[name] for name in reached] + parts) & scripts.keys() - reached:
+    imports, sources = re.compile(r"^ *(?:from|import) (\w+)", re.MULTILINE), "\n".join(parts)
+    while more := {*imports.findall("\n".join([sources, *map(scripts.get, reached)]))} & scripts.keys() - reached:
         reached |= more
     assert reached == scripts.keys()
-
-
-def imported(sources):
-    """The modules that they import."""
-    return set(re.findall(r"^ *(?:from|import) (\w+)", "\n".join(sources), re.MULTILINE))
 
 
 TABLE = "| a |\n|---|\n| 1 |"
@@ -141,7 +137,6 @@ def test_a_mark_without_a_figure_is_named(mark):
 
 
 def measured(folder, *, before_s, after_s):
-    """The file that a measurement writes while the reference computation takes so long."""
     times = iter((before_s, after_s))
     Measurement.begin("worker", reference=lambda: next(times)).write({"speed": {"total_s": 2.0}}, folder)
     return json.loads((folder / "speed.json").read_text())

@@ -32,7 +32,6 @@ def folder(tmp_path_factory):
 
 @pytest.fixture
 def disc(published_data):  # noqa: F811 - the fixture
-    """The page's."""
     if not (published_data / "measured-discs").is_dir():
         pytest.skip(f"the measured discs are not in {published_data}: docs/understand/measured.md has how to get them")
     (disc,) = (each for each in read_discs(published_data / "measured-discs") if each.name == "07b")
@@ -41,7 +40,6 @@ def disc(published_data):  # noqa: F811 - the fixture
 
 @pytest.fixture
 def answer(disc, published_data, folder):  # noqa: F811 - the fixture
-    """Of the page's command, run once."""
     written = folder / "disc.json"
     if not written.exists():
         (block,) = re.findall(r"^```sh\n(.*?)^```$", PAGE.read_text(), flags=re.MULTILINE | re.DOTALL)

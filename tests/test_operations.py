@@ -91,13 +91,14 @@ def test_keys_and_backups_go_as_the_pages_have_them(tmp_path):
         archive.extractall(data, filter="data")
     for folder in (restored, disk):
         folder.mkdir(mode=0o700)
-    places = {"/var/lib/sawmill": str(restored), "/mnt/usb/sawmill": str(disk)}
     taken = run(["backup", str(disk), "--data", str(data)], status=1)  # its archive leaves files out
     [made] = disk.glob("sawmill-*")
     assert str(made) in taken
     done = set()
+    dated = re.compile(r"sawmill-\d{8}T\d{6}Z")
     for words in [words for words in commands(DO / "backup.md") if words[0] in {"backup", "restore"}]:
-        line = [re.sub(r"sawmill-\d{8}T\d{6}Z", made.name, replaced(word, places)) for word in words]
+        line = [dated.sub(made.name, word).replace("/mnt/usb/sawmill", str(disk)) for word in words]
+        line = [word.replace("/var/lib/sawmill", str(restored)) for word in line]
         if line[0] == "restore":
             run(line)
             done.add(tuple(word for word in line if word.startswith("--")))
@@ -112,12 +113,6 @@ def test_keys_and_backups_go_as_the_pages_have_them(tmp_path):
         run([*line, "--data", str(restored)])
         made_keys = re.findall(r"^([0-9a-f]{32})", run(["key", "list", "--data", str(restored)]), re.MULTILINE)
     assert len(made_keys) == 2
-
-
-def replaced(word: str, places: dict[str, str]) -> str:
-    for documented, here in places.items():
-        word = word.replace(documented, here)
-    return word
 
 
 def run(words: list[str], status: int = 0) -> str:

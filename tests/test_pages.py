@@ -3,7 +3,6 @@
 import re
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +26,6 @@ def named(path: Path) -> str:
 
 
 def prose(text: str) -> str:
-    """A page without its fenced blocks."""
     return re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
 
 
@@ -120,12 +118,6 @@ def test_no_folder_of_the_science_and_the_services_is_a_heap():
     sizes = {named(folder): len(list(folder.glob("[!_]*.py"))) for folder in folders}
     heaps = {folder: size for folder, size in sizes.items() if size > LARGEST_FOLDER and folder != FLAT}
     assert not heaps, "divide these"
-
-
-def test_the_directions_of_imports_are_the_linter_s():
-    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
-    _, section = (ROOT / "docs/understand/architecture.md").read_text().split("## Direction of imports")
-    assert re.findall(r"^- (.+)$", section, re.MULTILINE) == [contract["name"] for contract in contracts]
 
 
 OF_SCANNERS = ("handedness", "phantom-mounting", "phantom-outline", "phantom", "scanner-numbers", "scanner")

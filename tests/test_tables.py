@@ -57,7 +57,6 @@ def sources() -> list[tuple[Path, ast.Module]]:
 
 
 def attribute(path: Path, name: str) -> object:
-    """What a name means in a module."""
     parts = path.relative_to(ROOT).with_suffix("").parts[1:]
     return getattr(importlib.import_module(".".join(parts).removesuffix(".__init__")), name, None)
 
@@ -97,7 +96,6 @@ def member(path: Path, key: ast.expr | None) -> object:
 
 
 def name_of(each: Enum | RegisteredWord) -> str:
-    """The member as sources name it."""
     name = each.name if isinstance(each, Enum) else f"{each}"
     return f"{type(each).__name__}.{name}"
 

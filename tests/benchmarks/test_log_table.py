@@ -57,7 +57,6 @@ def test_astra_stops_where_the_error_is_least(scan):
 
 
 def astra_image(scan, line, iterations):
-    """CGLS in one go."""
     grid, scanner = scan.projector.grid, scan.projector.geometry.scanner
     volume = astra.create_vol_geom(grid.size, grid.size, -200.0, 200.0, -200.0, 200.0)
     rays = astra.create_proj_geom("fanflat_vec", scanner.num_detector_pixels, scan.projector.geometry.astra_vectors())

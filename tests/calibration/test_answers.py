@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 import tifffile
 from matplotlib.figure import Figure
+from page_blocks import in_process
 from PIL import Image, ImageDraw
-from typer.testing import CliRunner
 
 import sawmill_calibration as sawmill
-from sawmill_command.commands import main
 from sawmill_contracts.phantoms import BUILT_IN_PHANTOMS
 from sawmill_formats.output.volume_reader import volume_slices
 from sawmill_tomography.geometry.geometry import to_vector
@@ -26,12 +25,6 @@ DRAWING = BUILT_IN_PHANTOMS["l-shape"].model_dump_json()
 OF_THE_RUN = {"id", "at", "timing_s", "time_s", "input_sha256"}
 
 
-def command(*arguments):
-    done = CliRunner().invoke(main, [str(argument) for argument in arguments])
-    assert done.exit_code == 0, done.output
-    return done.stdout
-
-
 def lasting(document):
     return {name: value for name, value in document.items() if name not in OF_THE_RUN}
 
@@ -40,7 +33,7 @@ def lasting(document):
 def phantom_file(tmp_path_factory):
     path = tmp_path_factory.mktemp("api") / "phantom.h5"
     noisy = ("--views", 60, "--noise", 0.01, "--rows", 2, "--data", "line-integrals")
-    command("simulate", "l-shape", *THETA_FLAG, *SCANNER_FLAGS, *noisy, "-o", path)
+    in_process("simulate", "l-shape", *THETA_FLAG, *SCANNER_FLAGS, *noisy, "-o", path)
     return path
 
 
@@ -48,7 +41,7 @@ def phantom_file(tmp_path_factory):
 def result_file(phantom_file):
     flags = ("--data", "line-integrals", "--source-to-cor-mm", 859.46, "--phantom", "l-shape", "--json")
     path = phantom_file.with_name("RESULT.json")
-    path.write_text(command("calibrate", phantom_file, *flags))
+    path.write_text(in_process("calibrate", phantom_file, *flags))
     return path
 
 
@@ -57,7 +50,7 @@ def stack_file(phantom_file):
     """Counts: two rows of the phantom, two of a log."""
     path = phantom_file.with_name("stack.h5")
     rows = ("--views", 120, "--rows", 4, "--phantom-rows", 2)
-    command("simulate", "log-with-phantom", *THETA_FLAG, *SCANNER_FLAGS, *rows, "-o", path)
+    in_process("simulate", "log-with-phantom", *THETA_FLAG, *SCANNER_FLAGS, *rows, "-o", path)
     return path
 
 
@@ -119,9 +112,9 @@ def test_a_width_of_no_picture_is_refused(scan, tmp_path, monkeypatch, phantom, 
 def test_a_saturated_scan_never_passes_and_reports_that_first(tmp_path, air, saturated):
     path, physics = tmp_path / "counts.h5", tmp_path / "physics.json"
     physics.write_text(json.dumps({"detector": {"air_of_full_scale": air}}))
-    command("simulate", "l-shape", *THETA_FLAG, *SCANNER_FLAGS, "--views", 20, "--physics", physics, "-o", path)
+    in_process("simulate", "l-shape", *THETA_FLAG, *SCANNER_FLAGS, "--views", 20, "--physics", physics, "-o", path)
     flags = ("--data", "counts", "--source-to-cor-mm", 859.46, "--phantom", "l-shape", "--json")
-    printed = json.loads(command("calibrate", path, *flags, "--without", "wood-density"))
+    printed = json.loads(in_process("calibrate", path, *flags, "--without", "wood-density"))
     read = sawmill.read_scan(path, data="counts", source_to_cor_mm=859.46)
     found = sawmill.calibrate(read, "l-shape", without=["wood-density"])
     assert lasting(found.result.model_dump(mode="json")).items() <= lasting(printed).items()
@@ -132,7 +125,7 @@ def test_a_saturated_scan_never_passes_and_reports_that_first(tmp_path, air, sat
 @pytest.mark.slow
 def test_the_phantom_s_rows_of_a_stack_are_found_as_by_the_command(stack_file):
     flags = ("--data", "counts", "--source-to-cor-mm", 859.46, "--phantom", "l-shape", "--json")
-    printed = json.loads(command("calibrate", stack_file, *flags))
+    printed = json.loads(in_process("calibrate", stack_file, *flags))
     found = sawmill.calibrate(sawmill.read_scan(stack_file, data="counts", source_to_cor_mm=859.46), "l-shape")
     assert lasting(found.result.model_dump(mode="json")).items() <= lasting(printed).items()
     assert found.result.rows == (0, 2)
@@ -198,7 +191,7 @@ def test_a_calibration_finds_the_geometry(calibration):
 def test_a_reconstruction_is_the_volume_of_the_command(stack_file, result_file, tmp_path):
     volume, grid = tmp_path / "volume.h5", ("--size", 64, "--field-mm", 320, "--rows", "2:4")
     flags = ("--data", "counts", "--calibration", result_file)
-    document = json.loads(command("reconstruct", stack_file, *flags, *grid, "-o", volume, "--json"))
+    document = json.loads(in_process("reconstruct", stack_file, *flags, *grid, "-o", volume, "--json"))
     read = sawmill.read_scan(stack_file, data="counts", source_to_cor_mm=859.46)
     made = sawmill.reconstruct(read, sawmill.read_calibration(result_file), size=64, field_mm=320.0, rows="2:4")
     written = volume_slices(volume, made.volume.shape, [0, 1])
@@ -231,8 +224,8 @@ def test_the_centre_of_rotation_is_found_from_nominal_distances_wherever_the_det
 def test_drift_is_the_command_s(phantom_file, result_file):
     path = phantom_file.with_name("log.h5")
     flags = ("--views", 240, "--noise", 0.002, "--data", "line-integrals")
-    command("simulate", "log", *THETA_FLAG, *SCANNER_FLAGS, *flags, "-o", path)
-    printed = json.loads(command("drift", path, "--data", "line-integrals", "--calibration", result_file, "--json"))
+    in_process("simulate", "log", *THETA_FLAG, *SCANNER_FLAGS, *flags, "-o", path)
+    printed = json.loads(in_process("drift", path, "--data", "line-integrals", "--calibration", result_file, "--json"))
     read = sawmill.read_scan(path, data="line-integrals", source_to_cor_mm=859.46)
     found = sawmill.drift(read, sawmill.read_calibration(result_file))
     assert lasting(found.result.model_dump(mode="json")).items() <= lasting(printed).items()
@@ -332,7 +325,6 @@ GIVEN = {"data": "counts", "source_to_cor_mm": 859.46, "angles_deg": "0:30", "de
 
 @pytest.fixture
 def images(tmp_path):
-    """Counts as one array, with its flats, and the same as a folder."""
     rng = np.random.default_rng(1422)
     air = np.full((3, 2, 16), 30_000, np.uint16)
     views = rng.integers(5_000, 25_000, (12, 2, 16)).astype(np.uint16)

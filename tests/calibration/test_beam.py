@@ -31,7 +31,6 @@ def disc(radius_mm, physics, seed):
 
 
 def cupping_and_level(image, radius_mm):
-    """How much darker the middle of the disc is than its rim, and its mean."""
     x = (np.arange(SIZE) - 0.5 * (SIZE - 1)) * FIELD_MM / SIZE
     radius = np.hypot(x[:, None], x) / radius_mm
     rim = (radius > 0.75) & (radius < 0.92)

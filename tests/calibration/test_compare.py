@@ -16,13 +16,9 @@ from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_tomography.geometry.ray_error import ray_error
 
 
-@pytest.fixture
-def watched(spec):
-    def scanner(**tolerances) -> StoredScanner:
-        known = dict(spec(**tolerances))
-        return StoredScanner(id="line-2", created_at="2030-01-01T00:00:00Z", active_calibration_id="found", **known)
-
-    return scanner
+def watched(spec, **tolerances) -> StoredScanner:
+    known = dict(spec(**tolerances))
+    return StoredScanner(id="line-2", created_at="2030-01-01T00:00:00Z", active_calibration_id="found", **known)
 
 
 @pytest.fixture
@@ -36,14 +32,14 @@ def compare(active, new, scanner):
 
 
 def test_the_same_geometry_and_its_twin_have_not_moved_and_a_knock_is_reported_in_millimetres(
-    calibration, watched, theta, knocked
+    calibration, spec, theta, knocked
 ):
     for same in (theta, theta.twin(859.46)):
-        change = compare(calibration(), calibration(same), watched())
+        change = compare(calibration(), calibration(same), watched(spec))
         assert change.ray_change_mm < 1e-6
         assert change.within_tolerance
         assert "within the 0.50 mm allowed" in change.reason
-    change = compare(calibration(), knocked, watched())
+    change = compare(calibration(), knocked, watched(spec))
     expected = knocked.source_frame.cor_column_mm - calibration().source_frame.cor_column_mm
     assert change.cor_column_change_mm == pytest.approx(expected)
     assert change.ray_change_mm > 0.5
@@ -53,19 +49,19 @@ def test_the_same_geometry_and_its_twin_have_not_moved_and_a_knock_is_reported_i
 
 @pytest.mark.parametrize(("stated_mm", "counted_mm"), [(None, 50.0), (100.0, 100.0)])
 def test_rays_are_compared_in_the_scanner_s_disc_else_in_the_active_calibration_s(
-    calibration, watched, theta, scanner, stated_mm, counted_mm
+    calibration, spec, theta, scanner, stated_mm, counted_mm
 ):
     error = PredictedRayError(rms=0, max=0, upper_95=0, radius_mm=50)
     active = calibration().model_copy(update={"predicted_ray_error_mm": error})
     new = calibration(replace(theta, detector_tilt=theta.detector_tilt + 0.02))
-    change = compare(active, new, watched().model_copy(update={"log_radius_mm": stated_mm}))
+    change = compare(active, new, watched(spec).model_copy(update={"log_radius_mm": stated_mm}))
     expected = ray_error(scanner, active.source_frame, new.source_frame, radius_mm=counted_mm)
     assert change.ray_change_mm == pytest.approx(expected.rms_mm)
 
 
 @pytest.mark.parametrize("ray_change_mm", [0.5, 1e3])
 def test_out_of_tolerance_is_the_first_reason_of_the_answer(
-    calibration, watched, theta, constants, sinogram, turn, ray_change_mm
+    calibration, spec, theta, constants, sinogram, turn, ray_change_mm
 ):
     given = CalibrationInput(
         sinogram(turn(24)), turn(24), (0, 1), constants, None, BUILT_IN_PHANTOMS["l-shape"], "0" * 64
@@ -73,19 +69,19 @@ def test_out_of_tolerance_is_the_first_reason_of_the_answer(
     given, found = run_calibration(given, CalibrationOptions(), lambda _: None)
     active = calibration(replace(theta, detector_shift_mm=theta.detector_shift_mm - 20.0))
     # Such a shift turns the ray through the COR, and with it the lengths along it: the scale changes by 1.2 %.
-    change = compared(active, found.geometry, watched(ray_change_mm=ray_change_mm, scale_percent=2.0))
+    change = compared(active, found.geometry, watched(spec, ray_change_mm=ray_change_mm, scale_percent=2.0))
     answer = calibration_result(found, given, change)
     moved = [] if change.within_tolerance else [change.reason]
     assert change.within_tolerance == (ray_change_mm > 1.0)
     assert (answer.reasons, answer.comparison) == ([*moved, *found.judgement.reasons], change)
 
 
-def test_the_error_bars_of_both_calibrations_count_and_the_scanners_tolerance_decides(calibration, watched, knocked):
+def test_the_error_bars_of_both_calibrations_count_and_the_scanners_tolerance_decides(calibration, spec, knocked):
     vague = {"covariance": np.diag([1e-6, 400.0, 400.0, 1e-4, 1e-6]).tolist()}
-    assert "and the tilt did not" in compare(calibration(**vague), knocked, watched()).reason
-    ray_change = compare(calibration(), knocked, watched()).ray_change_mm
-    assert compare(calibration(), knocked, watched(ray_change_mm=1.01 * ray_change)).within_tolerance
-    assert not compare(calibration(), knocked, watched(ray_change_mm=0.99 * ray_change)).within_tolerance
+    assert "and the tilt did not" in compare(calibration(**vague), knocked, watched(spec)).reason
+    ray_change = compare(calibration(), knocked, watched(spec)).ray_change_mm
+    assert compare(calibration(), knocked, watched(spec, ray_change_mm=1.01 * ray_change)).within_tolerance
+    assert not compare(calibration(), knocked, watched(spec, ray_change_mm=0.99 * ray_change)).within_tolerance
 
 
 def resized(calibration, percent: float, deviation_mm: float):
@@ -96,10 +92,10 @@ def resized(calibration, percent: float, deviation_mm: float):
     return known, known.model_copy(update={"source_frame": larger})
 
 
-def test_a_change_of_scale_is_no_ray_error_but_is_reported(calibration, watched):
+def test_a_change_of_scale_is_no_ray_error_but_is_reported(calibration, spec):
     """Wood that swells by 0.3 % enlarges the image by 0.3 % and doubles or blurs nothing."""
     known, larger = resized(calibration, 0.3, 0.3)
-    change = compare(known, larger, watched())
+    change = compare(known, larger, watched(spec))
     assert change.ray_change_mm < 1e-9
     assert change.scale_change_percent == pytest.approx(0.3)
     # 0.3 mm of about 900 in either, nearly all of it: 1.96 sqrt(2) 0.3 / 900.
@@ -110,43 +106,43 @@ def test_a_change_of_scale_is_no_ray_error_but_is_reported(calibration, watched)
 
 
 def test_a_change_of_scale_beyond_its_tolerance_is_a_movement_and_within_its_error_bars_not_mentioned(
-    calibration, watched
+    calibration, spec
 ):
-    assert "scale" not in compare(*resized(calibration, 0.3, 2.0), watched()).reason
-    change = compare(*resized(calibration, 0.6, 0.3), watched())
+    assert "scale" not in compare(*resized(calibration, 0.3, 2.0), watched(spec)).reason
+    change = compare(*resized(calibration, 0.6, 0.3), watched(spec))
     assert not change.within_tolerance
     assert "0.50 % is allowed." in change.reason
     assert "The source distance changed" in change.reason
     assert "phantom's size is not the stated one: the source shift would be" in change.reason
     assert "as with a phantom 0.6 % smaller than its drawing" in change.reason
-    assert compare(*resized(calibration, 0.6, 0.3), watched(scale_percent=0.7)).within_tolerance
+    assert compare(*resized(calibration, 0.6, 0.3), watched(spec, scale_percent=0.7)).within_tolerance
 
 
-def test_a_log_that_turns_the_other_way_is_reported_first(calibration, watched):
-    change = compare(calibration(), calibration(rotation="reversed"), watched())
+def test_a_log_that_turns_the_other_way_is_reported_first(calibration, spec):
+    change = compare(calibration(), calibration(rotation="reversed"), watched(spec))
     assert not change.within_tolerance
     assert "turns the other way" in change.reason
 
 
-def test_the_first_angle_counts_only_where_it_has_a_tolerance(calibration, watched, theta):
+def test_the_first_angle_counts_only_where_it_has_a_tolerance(calibration, spec, theta):
     turned = calibration(replace(theta, initial_angle_rad=theta.initial_angle_rad + math.radians(1.5)))
-    free, held = watched(), watched(angle_change_deg=1.0)
+    free, held = watched(spec), watched(spec, angle_change_deg=1.0)
     assert compare(calibration(), turned, free).within_tolerance
     change = compare(calibration(), turned, held)
     assert change.angle_change_deg == pytest.approx(1.5)
     assert not change.within_tolerance
     assert "+1.500 degrees" in change.reason
-    assert compare(calibration(), turned, watched(angle_change_deg=2.0)).within_tolerance
+    assert compare(calibration(), turned, watched(spec, angle_change_deg=2.0)).within_tolerance
 
 
 def test_an_angle_that_wraps_is_small_and_rays_that_left_the_log_moved_by_more_than_its_radius(
-    calibration, watched, theta
+    calibration, spec, theta
 ):
     before = calibration(replace(theta, initial_angle_rad=0.001))
-    change = compare(before, calibration(replace(theta, initial_angle_rad=2 * math.pi - 0.001)), watched())
+    change = compare(before, calibration(replace(theta, initial_angle_rad=2 * math.pi - 0.001)), watched(spec))
     assert change.angle_change_deg == pytest.approx(-math.degrees(0.002))
     away = calibration(replace(theta, detector_shift_mm=theta.detector_shift_mm - 3000.0))
-    change = compare(away, calibration(), watched())
+    change = compare(away, calibration(), watched(spec))
     assert change.ray_change_mm >= 150.0
     assert not change.within_tolerance
 
@@ -162,11 +158,8 @@ def result(calibration, theta):
 
     def of(longer=0.0, column_mm=0.0, covariance=COVARIANCE):
         frame = theta.source_frame(859.46)
-        off = replace(
-            frame,
-            source_distance_mm=frame.source_distance_mm * (1.0 + longer),
-            cor_column_mm=frame.cor_column_mm + column_mm,
-        )
+        r_mm, u_c_mm = frame.source_distance_mm * (1.0 + longer), frame.cor_column_mm + column_mm
+        off = replace(frame, source_distance_mm=r_mm, cor_column_mm=u_c_mm)
         return calibration(source_frame=off, covariance=covariance, predicted_ray_error_mm=PREDICTED)
 
     return of

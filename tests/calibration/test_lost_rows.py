@@ -36,7 +36,6 @@ class Scans:
 
 @pytest.fixture(scope="module")
 def lines():
-    """Line integrals (views, rows, cells)."""
     frame, cells = THETA.source_frame(SCANNER.source_to_cor_mm), DetectorCells.of(SCANNER)
     board = to_phantom(drawing_of("l-shape")).moved(12.0, -8.0).of_density(SAPWOOD_PER_MM)
     log = LogModel.random(1)

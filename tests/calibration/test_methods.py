@@ -184,8 +184,6 @@ def test_what_is_chosen_is_the_same_along_the_log(log, reconstruct):
 
 
 def without(given, *empty):
-    """The same with slices that are 0 in every ray."""
-
     def read(start, stop):
         return np.where(np.isin(np.arange(start, stop), empty)[:, None], np.float32(0.0), given.read(start, stop))
 

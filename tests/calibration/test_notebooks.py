@@ -38,7 +38,6 @@ def kernel(tmp_path, monkeypatch):
 
 
 def run(path, kernel, folder):
-    """Run a notebook from its first cell to its last, and give the notebook with its outputs."""
     notebook = nbformat.read(path, as_version=4)
     client = NotebookClient(notebook, kernel_name=kernel, timeout=120, resources={"metadata": {"path": str(folder)}})
     client.execute()
@@ -61,7 +60,6 @@ def shown(notebook):
 
 
 def printed(notebook):
-    """The words and numbers of all outputs, without the markup and the times."""
     outputs = [(output, output.get("data", {})) for cell in code_of(notebook) for output in cell.outputs]
     texts = [output.get("text") or data.get("text/html") or data.get("text/plain", "") for output, data in outputs]
     return " ".join(re.sub(r"<[^>]*>", " ", TIME_ROW.sub("", text)) for text in texts).split()

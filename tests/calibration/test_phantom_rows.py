@@ -98,7 +98,6 @@ def given(constants, sinogram, turn):
 
 @pytest.fixture
 def shadow(scanner, theta, turn):
-    """Of any body in the same scanner."""
     seen_by = (DetectorCells.of(scanner), theta.source_frame(859.46), turn(24))
     return lambda *shapes: project(Phantom("body", shapes), *seen_by, rays_per_cell=8)
 

@@ -22,7 +22,6 @@ SLOW_TO_IMPORT = {"numpy", "numba", "scipy", "h5py", "matplotlib", "pydantic", "
 
 
 def run(script: str, folder: Path) -> str:
-    """The output of a script in a fresh interpreter that finds its modules where this one does."""
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     command, printed = [sys.executable, "-W", "error", "-c", script], {"capture_output": True, "text": True}
     done = subprocess.run(command, cwd=folder, env=environment, timeout=240, check=False, **printed)

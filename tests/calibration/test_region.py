@@ -30,17 +30,12 @@ WHOLE = {"size": SIZE, "field_mm": FIELD_MM}
 
 @pytest.fixture(scope="module")
 def truth():
-    """Of the region, (x, y) float32."""
     return LOG.moved(-CENTRE_MM[0], -CENTRE_MM[1]).rasterise(REGION["size"], REGION["field_mm"])
 
 
-@pytest.fixture
-def scan():
-    def of(views=20, rows=1, noise=0.02):
-        fan = FanBeamGeometry(MILL, THETA, (np.arange(views) + 0.5) * TAU / views)
-        return reconstruction_input(simulate_rows([LOG] * rows, fan, noise=noise, seed=2706), fan)
-
-    return of
+def scan(views=20, rows=1, noise=0.02):
+    fan = FanBeamGeometry(MILL, THETA, (np.arange(views) + 0.5) * TAU / views)
+    return reconstruction_input(simulate_rows([LOG] * rows, fan, noise=noise, seed=2706), fan)
 
 
 def made(given, **options):
@@ -48,7 +43,7 @@ def made(given, **options):
     return reconstruct_in_memory(given, given.geometry, asked, lambda _: None)
 
 
-def test_a_region_by_fbp_has_the_values_of_the_whole(scan):
+def test_a_region_by_fbp_has_the_values_of_the_whole():
     given = scan(views=30)
     region, whole = made(given, **REGION), made(given, **WHOLE)
     # Positions on the detector are single precision.
@@ -57,13 +52,13 @@ def test_a_region_by_fbp_has_the_values_of_the_whole(scan):
 
 
 @pytest.mark.parametrize("method", ["fbp", "tikhonov"])
-def test_a_region_beyond_what_the_rays_see_is_refused(scan, method):
+def test_a_region_beyond_what_the_rays_see_is_refused(method):
     with pytest.raises(GeometryError, match=r"field_centre_mm 300, 0 begins 281.2 mm .* and the rays see 1\d\d"):
         made(scan(), method=method, **REGION | {"field_centre_mm": (300.0, 0.0)})
 
 
 @pytest.mark.slow
-def test_the_log_outside_of_a_region_is_held_at_larger_pixels(scan, truth):
+def test_the_log_outside_of_a_region_is_held_at_larger_pixels(truth):
     found = made(scan(), method="tikhonov", **REGION)
     assert any("pixels of 1.56 mm" in remark for remark in found.result.method.remarks)
     # Explained by its own pixels alone, the region would have several times the wood's attenuation.
@@ -98,7 +93,7 @@ def test_a_field_that_saves_little_has_pixels_of_one_size(field):
 @pytest.mark.nightly
 @pytest.mark.parametrize("views", [20, 360])
 @pytest.mark.parametrize("method", ["tikhonov", "cauchy_map", "total_variation"])
-def test_a_region_has_the_error_of_the_whole_there(scan, truth, method, views):
+def test_a_region_has_the_error_of_the_whole_there(truth, method, views):
     if (method, views) == ("cauchy_map", 360):
         pytest.skip("no method for as many views: it takes minutes")
     given = scan(views)
@@ -107,7 +102,7 @@ def test_a_region_has_the_error_of_the_whole_there(scan, truth, method, views):
 
 
 @pytest.mark.nightly
-def test_coupled_rows_of_a_region_help_each_other(scan, truth):
+def test_coupled_rows_of_a_region_help_each_other(truth):
     given = scan(rows=ROWS, noise=0.04)
     errors = {
         coupling: relative_error(
@@ -119,10 +114,8 @@ def test_coupled_rows_of_a_region_help_each_other(scan, truth):
 
 
 @pytest.mark.nightly
-def test_an_attempt_that_goes_on_takes_the_weight_that_was_chosen(scan, tmp_path):
+def test_an_attempt_that_goes_on_takes_the_weight_that_was_chosen(tmp_path):
     class Kept(NothingKept):
-        """Everything but the blocks."""
-
         has_begun = True
         settings = None
 

@@ -27,13 +27,11 @@ def invoke(*arguments: object, code: int = 0) -> Result:
 
 @pytest.fixture(scope="session")
 def run() -> Run:
-    """Run one command and see that it ends with the exit code that is expected."""
     return invoke
 
 
 @pytest.fixture(scope="session")
 def scans(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder for all that the session's scans need."""
     return tmp_path_factory.mktemp("scans")
 
 
@@ -92,8 +90,6 @@ def wrong_use() -> Callable[..., str]:
 
 @pytest.fixture
 def failure() -> Callable[..., dict[str, str]]:
-    """Why no answer could be computed, from the one JSON object on standard output."""
-
     def reported(*arguments: object) -> dict[str, str]:
         document = json.loads(invoke(*arguments, "--json", code=1).stdout)
         assert document["state"] == "failed"

@@ -30,7 +30,6 @@ def log_scans(run, scans):
 
 @pytest.fixture(scope="session")
 def known(result_file, scans):
-    """The calibration of that scanner: exact, without error bars."""
     found = CalibrationFile.read(result_file.read_text())
     theta = Theta.from_vector(map(float, THETA.split(",")))
     scanner = ScannerConstants(source_to_cor_mm=859.46, num_detector_pixels=384, detector_pitch_mm=3.0)

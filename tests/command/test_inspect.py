@@ -16,16 +16,10 @@ COUNTS = np.random.default_rng(311).integers(1_000, 30_000, (VIEWS, ROWS, CELLS)
 ANGLES = ("--angles-deg", "0:30")
 
 
-@pytest.fixture
-def inspect(run):
-    """The one JSON object about a file."""
-
-    def inspected(path, *flags):
-        result = run("inspect", path, "--json", *flags)
-        assert result.stdout.count("\n") == 1
-        return json.loads(result.stdout)
-
-    return inspected
+def inspect(run, path, *flags):
+    result = run("inspect", path, "--json", *flags)
+    assert result.stdout.count("\n") == 1
+    return json.loads(result.stdout)
 
 
 def flags_of(answer, *, needed=True):
@@ -36,8 +30,8 @@ def parts_of(answer):
     return {part["name"]: part for part in answer["parts"]}
 
 
-def test_a_scan_with_all_there_is_lacks_its_kind_only(inspect, stack):
-    answer = inspect(stack)
+def test_a_scan_with_all_there_is_lacks_its_kind_only(run, stack):
+    answer = inspect(run, stack)
     assert (answer["format"], answer["own_kind"], answer["verdict"]) == ("hdf5-nxtomo", None, "incomplete")
     assert answer["missing"][0]["flag"] == "--data counts"
     assert flags_of(answer, needed=False) == ["--source-to-cor-mm"]
@@ -48,8 +42,8 @@ def test_a_scan_with_all_there_is_lacks_its_kind_only(inspect, stack):
     assert parts_of(answer)["/entry/instrument/detector/data"]["leads_to"] == "/entry/data/data"
 
 
-def test_what_would_be_read_is_what_is_read(inspect, stack):
-    answer = inspect(stack, "--data", "counts")
+def test_what_would_be_read_is_what_is_read(run, stack):
+    answer = inspect(run, stack, "--data", "counts")
     assert (answer["verdict"], answer["refusal"]) == ("ready", None)
     reading = answer["reading"]
     assert reading["shape"] == {"views": 60, "rows": 4, "detector": 256}
@@ -60,34 +54,34 @@ def test_what_would_be_read_is_what_is_read(inspect, stack):
     assert reading["detector_pitch_mm"] == pytest.approx(4.508593749)
 
 
-def test_our_own_scan_volume_and_calibration(inspect, run, phantom_scan, result_hdf5, tmp_path):
-    scan = inspect(phantom_scan)
+def test_our_own_scan_volume_and_calibration(run, phantom_scan, result_hdf5, tmp_path):
+    scan = inspect(run, phantom_scan)
     assert (scan["own_kind"], scan["missing"][0]["flag"]) == ("scan", "--data line-integrals")
-    calibration = inspect(result_hdf5)
+    calibration = inspect(run, result_hdf5)
     assert calibration["own_kind"] == "calibration"
     assert "--calibration" in calibration["refusal"]["detail"]
     with h5py.File(result_hdf5) as file:
         document = json.loads(file["entry/calibration_json"][()]) | {"state": "succeeded"}
     for identifier, known in (("c1", "c1"), ("../c1", None), (1, None)):
         (tmp_path / "result.json").write_text(json.dumps(document | {"id": identifier}))
-        answer = inspect(tmp_path / "result.json")
+        answer = inspect(run, tmp_path / "result.json")
         assert (answer["own_kind"], answer["refusal"]["code"]) == ("calibration", "calibration-file")
         assert answer["calibration_id"] == known
     volume = tmp_path / "volume.h5"
     known = ("--data", "line-integrals", "--calibration", result_hdf5, "--size", 16, "--rows", "0:1", "--method", "fbp")
     run("reconstruct", phantom_scan, *known, "-o", volume)
-    answer = inspect(volume)
+    answer = inspect(run, volume)
     assert (answer["own_kind"], answer["verdict"]) == ("volume", "refused")
     assert "volume" in answer["refusal"]["detail"]
     assert parts_of(answer)["/entry/data/data"]["shape"] == [1, 16, 16]
     assert parts_of(answer)["/VTKHDF/PointData/attenuation"]["leads_to"].startswith("virtual, of ")
 
 
-def test_a_matlab_struct_shows_its_fields_and_the_values_that_could_serve(inspect, tmp_path):
+def test_a_matlab_struct_shows_its_fields_and_the_values_that_could_serve(run, tmp_path):
     path = tmp_path / "published.mat"
     parameters = {"distanceSourceOrigin": 410.66, "angles": np.arange(VIEWS)}
     scipy.io.savemat(path, {"Ct": {"sinogram": COUNTS[:, 0] / 1e4, "parameters": parameters}}, do_compression=True)
-    answer = inspect(path, "--data", "line-integrals")
+    answer = inspect(run, path, "--data", "line-integrals")
     assert parts_of(answer)["Ct/sinogram"]["shape"] == [VIEWS, CELLS]
     assert answer["reading"]["unused"] == "Ct/parameters/distanceSourceOrigin (410.66)"
     assert flags_of(answer) == ["--angles-deg", "--detector-pitch-mm"]
@@ -123,29 +117,29 @@ def exchange_of(path):
         ("s.h5", exchange_of, "hdf5-data-exchange", "/exchange/data", []),
     ],
 )  # fmt: skip
-def test_every_format_is_listed_with_what_is_missing(inspect, tmp_path, name, write, form, part, flags):
+def test_every_format_is_listed_with_what_is_missing(run, tmp_path, name, write, form, part, flags):
     write(tmp_path / name)
-    answer = inspect(tmp_path / name, "--data", "counts")
+    answer = inspect(run, tmp_path / name, "--data", "counts")
     assert answer["format"] == form
     assert part in parts_of(answer)
     assert flags_of(answer) == [*flags, "--detector-pitch-mm"]
     assert answer["size_bytes"] == (tmp_path / name).stat().st_size
 
 
-def test_pages_that_are_alike_are_one_line(inspect, run, tmp_path):
+def test_pages_that_are_alike_are_one_line(run, tmp_path):
     tifffile.imwrite(tmp_path / "s.tif", COUNTS, metadata=None)
-    [pages] = inspect(tmp_path / "s.tif")["parts"]
+    [pages] = inspect(run, tmp_path / "s.tif")["parts"]
     assert (pages["count"], pages["shape"], pages["stored_bytes"]) == (VIEWS, [ROWS, CELLS], COUNTS.nbytes)
     shown = run("inspect", tmp_path / "s.tif").stdout
     assert f"{VIEWS} pages, each {ROWS} x {CELLS} uint16" in shown
     assert "missing: detector pitch (--detector-pitch-mm)" in shown
 
 
-def test_given_flags_make_a_scan_complete(inspect, tmp_path):
+def test_given_flags_make_a_scan_complete(run, tmp_path):
     np.save(tmp_path / "views.npy", COUNTS)
     np.save(tmp_path / "air.npy", np.full((ROWS, CELLS), 30_000, np.uint16))
     given = ("--data", "counts", *ANGLES, "--detector-pitch-mm", 1.5, "--flats", tmp_path / "air.npy")
-    answer = inspect(tmp_path / "views.npy", *given)
+    answer = inspect(run, tmp_path / "views.npy", *given)
     assert (answer["verdict"], answer["reading"]["flats"]) == ("ready", 1)
     assert answer["reading"]["other_files"] == [str(tmp_path / "air.npy")]
     assert flags_of(answer, needed=False) == ["--row-pitch-mm", "--darks", "--source-to-cor-mm"]
@@ -159,65 +153,65 @@ def test_given_flags_make_a_scan_complete(inspect, tmp_path):
         (("--dataset", "nothing"), "dataset-missing"),
     ],
 )
-def test_what_would_be_refused_is_said_with_its_reason(inspect, tmp_path, flags, code):
+def test_what_would_be_refused_is_said_with_its_reason(run, tmp_path, flags, code):
     npz_of(tmp_path / "s.npz")
-    answer = inspect(tmp_path / "s.npz", *flags)
+    answer = inspect(run, tmp_path / "s.npz", *flags)
     assert (answer["verdict"], answer["refusal"]["code"]) == ("refused", code)
     assert parts_of(answer)["flats"]["shape"] == [2, ROWS, CELLS]
 
 
-def test_several_candidates_are_missing_a_choice(inspect, tmp_path):
+def test_several_candidates_are_missing_a_choice(run, tmp_path):
     np.savez(tmp_path / "s.npz", a=COUNTS, b=COUNTS)
-    answer = inspect(tmp_path / "s.npz")
+    answer = inspect(run, tmp_path / "s.npz")
     assert answer["verdict"] == "incomplete"
     assert flags_of(answer) == ["--dataset"]
 
 
-def test_sinograms_are_read_in_the_order_that_is_given_and_darks_by_a_similar_name(inspect, tmp_path):
+def test_sinograms_are_read_in_the_order_that_is_given_and_darks_by_a_similar_name(run, tmp_path):
     flats = np.full((1, ROWS, CELLS), 40_000)
     np.savez(tmp_path / "scan.npz", projections=COUNTS.swapaxes(0, 1), flats=flats, dark=flats)
-    reading = inspect(tmp_path / "scan.npz", "--data", "counts", "--axes", "rows,views,cells", *ANGLES)["reading"]
+    reading = inspect(run, tmp_path / "scan.npz", "--data", "counts", "--axes", "rows,views,cells", *ANGLES)["reading"]
     assert reading["shape"] == {"views": VIEWS, "rows": ROWS, "detector": CELLS}
     assert [remark["code"] for remark in reading["coded_remarks"]] == ["darks-by-name", "axes-ordered"]
     assert reading["darks"] == 1
 
 
-def test_a_picture_and_a_text(inspect, run, tmp_path):
+def test_a_picture_and_a_text(run, tmp_path):
     Image.new("L", (20, 10)).save(tmp_path / "phantom.png")
-    picture = inspect(tmp_path / "phantom.png")
+    picture = inspect(run, tmp_path / "phantom.png")
     assert picture["parts"][0]["shape"] == [10, 20]
     assert "--phantom" in picture["refusal"]["detail"]
     (tmp_path / "notes.txt").write_text("angles as last time")
-    answer = inspect(tmp_path / "notes.txt")
+    answer = inspect(run, tmp_path / "notes.txt")
     assert (answer["format"], answer["parts"], answer["refusal"]["code"]) == (None, [], "unknown-format")
     assert "refused" in run("inspect", tmp_path / "notes.txt").stdout
 
 
-def test_links_are_shown_and_not_followed(inspect, tmp_path):
+def test_links_are_shown_and_not_followed(run, tmp_path):
     with h5py.File(tmp_path / "master.h5", "w") as file:
         file["data"] = h5py.ExternalLink("elsewhere.h5", "/x")
         file["here"] = h5py.SoftLink("/nowhere")
-    answer = inspect(tmp_path / "master.h5")
+    answer = inspect(run, tmp_path / "master.h5")
     assert parts_of(answer)["/data"]["leads_to"] == "file elsewhere.h5:/x (not there)"
     assert parts_of(answer)["/here"]["leads_to"] == "/nowhere"
     assert answer["verdict"] != "ready"
 
 
-def test_hostile_files_are_listed_from_their_headers(inspect, tmp_path):
+def test_hostile_files_are_listed_from_their_headers(run, tmp_path):
     deflated_twice(tmp_path / "twice.h5", 2**24)
-    answer = inspect(tmp_path / "twice.h5")
+    answer = inspect(run, tmp_path / "twice.h5")
     assert parts_of(answer)["/data"]["compression"] == "deflate, deflate"
     assert answer["refusal"]["code"] == "unsupported-storage"
     checkers(tmp_path / "checkers.png")
-    assert inspect(tmp_path / "checkers.png")["parts"][0]["shape"] == [6400, 6400]
+    assert inspect(run, tmp_path / "checkers.png")["parts"][0]["shape"] == [6400, 6400]
     with h5py.File(tmp_path / "many.h5", "w") as file:
         for index in range(10_001):
             file.create_group(str(index))
-    many = inspect(tmp_path / "many.h5")
+    many = inspect(run, tmp_path / "many.h5")
     assert many["refusal"]["code"] == "too-large"
     assert "more than 10000" in many["listing_ended"]
     (tmp_path / "broken.h5").write_bytes((tmp_path / "many.h5").read_bytes()[:5_000])
-    assert inspect(tmp_path / "broken.h5")["refusal"]["code"] in {"truncated-file", "broken-file"}
+    assert inspect(run, tmp_path / "broken.h5")["refusal"]["code"] in {"truncated-file", "broken-file"}
 
 
 THETA = "2.55,714.7,319.9,43.7,0.281"

@@ -121,22 +121,17 @@ def answer():
     return CalibrationResult.model_validate(calibration_result(phantom="our <cross>"))
 
 
-@pytest.fixture
-def hdf5(tmp_path, answer):
+def hdf5(tmp_path, answer, **changes):
     """A result.h5 with its arrays, of which some may be left out or replaced."""
-
-    def write(**changes):
-        arrays = {name: values for name, values in (ARRAYS | changes).items() if values is not None}
-        path = tmp_path / "result.h5"
-        named = {name: NamedArray(values, "1", "") for name, values in arrays.items()}
-        write_calibration(path, answer.model_dump(mode="json"), named, software_version="0", input_sha256="0" * 64)
-        return path
-
-    return write
+    arrays = {name: values for name, values in (ARRAYS | changes).items() if values is not None}
+    path = tmp_path / "result.h5"
+    named = {name: NamedArray(values, "1", "") for name, values in arrays.items()}
+    write_calibration(path, answer.model_dump(mode="json"), named, software_version="0", input_sha256="0" * 64)
+    return path
 
 
-def test_a_report_of_result_h5_has_the_pictures_and_the_day(run, hdf5, tmp_path):
-    path = hdf5()
+def test_a_report_of_result_h5_has_the_pictures_and_the_day(run, answer, tmp_path):
+    path = hdf5(tmp_path, answer)
     done = run("report", path, "-o", tmp_path / "report.html")
     assert "a report of two pages" in done.stderr
     assert done.stdout == ""
@@ -172,8 +167,10 @@ def test_a_report_of_an_answer_alone_says_that_it_has_no_pictures(run, answer, t
         ({"phantom_field_mm": np.ones(7)}, "phantom_field_mm must be one number, not float64 of shape (7,)"),
     ],
 )
-def test_damaged_arrays_are_refused_in_one_sentence(run, hdf5, tmp_path, changes, reason):
-    assert reason in " ".join(run("report", hdf5(**changes), "-o", tmp_path / "report.html", code=1).stderr.split())
+def test_damaged_arrays_are_refused_in_one_sentence(run, answer, tmp_path, changes, reason):
+    assert reason in " ".join(
+        run("report", hdf5(tmp_path, answer, **changes), "-o", tmp_path / "report.html", code=1).stderr.split()
+    )
     assert not (tmp_path / "report.html").exists()
 
 

@@ -83,7 +83,6 @@ def problem_on(line: socket.socket) -> bytes:
 
 
 def is_coming(service: Service, path: str) -> bool:
-    """Whether the service has begun to write a part."""
     file = service.data / UNFINISHED / path.rpartition("/")[2]
     if not file.exists():
         return False
@@ -171,7 +170,6 @@ def connect(service: Service) -> socket.socket:
 
 
 def read_problem(connection: socket.socket) -> tuple[int, str]:
-    """Read one answer, and return its status and its code."""
     answer = http.client.HTTPResponse(connection)
     answer.begin()
     assert answer.headers["Content-Type"] == "application/problem+json"
@@ -318,7 +316,6 @@ def test_writers_are_refused_and_readers_are_answered_while_the_lock_is_held(liv
     read = threading.Event()
 
     def write() -> list[httpx.Response]:
-        """Write at least once, and again and again until the reader has been answered."""
         answers = []
         while not answers or not read.is_set():
             query = {"scanner_id": scanner_id, "data": "counts"}

@@ -80,7 +80,6 @@ def block(page: str, language: str, beginning: str = "") -> str:
 
 @pytest.fixture(scope="module")
 def client(tmp_path_factory):
-    """The folder that the client is installed in."""
     folder = tmp_path_factory.mktemp("client")
     run([sys.executable, ROOT / "openapi/clients/generate.py", folder], folder)
     wheel = folder / f"sawmill_calibration_client-{VERSION}-py3-none-any.whl"
@@ -105,7 +104,6 @@ def stack(tmp_path_factory, simulate):
 
 
 def run(command: list[str | Path], folder: Path, *, exit_code: int = 0, **environment: str) -> str:
-    """Run a program, and return what it prints."""
     path = os.pathsep.join((str(Path(sys.executable).parent), os.environ["PATH"]))
     variables = {**os.environ, "PATH": path, "no_proxy": "*", **environment}
     done = subprocess.run(command, cwd=folder, env=variables, capture_output=True, text=True, timeout=150, check=False)

@@ -27,7 +27,6 @@ MIB = 2**20
 
 
 def make_secrets(folder: Path) -> None:
-    """As the page says to make them."""
     [block] = [part for part in PAGE.read_text().split("```sh\n")[1:] if part.startswith("mkdir")]
     subprocess.run(["bash", "-euc", block.partition("```")[0]], cwd=folder, capture_output=True, check=True)
 
@@ -106,11 +105,9 @@ def test_what_compose_starts_does_a_mill_s_work(composed, mill, phantom_scan):
     # The proxy is believed about who asked, and it does not believe the client.
     entries = mill.get("/v1/audit").json()["items"]
     assert [entry["address"] for entry in entries if entry["action"] == "scanner-created"] == [CLIENT]
-
     assert not environments(composed) & {secret(composed, "sawmill_token"), secret(composed, "database_password")}
     with pytest.raises(psycopg.OperationalError, match="password authentication failed"):
         composed.database(password="guessed")  # noqa: S106
-
     # Redis dies with a job on its way, and the wake-up of the next one is lost; then a worker, with a schedule due.
     composed.kill("redis")
     schedule = mill.post("/v1/schedules", json={"scanner_id": scanner.json()["id"], "cron": "0 0 1 1 *"}).json()
@@ -130,12 +127,10 @@ def test_what_compose_starts_does_a_mill_s_work(composed, mill, phantom_scan):
     assert [run["outcome"] for run in runs] == ["queued"]
     for name in ("worker", "short-worker"):
         assert landlock.version() == 0 or "attempts-not-confined" not in composed.log(name).read_text()
-
     assert set(composed.down().values()) == {0}
 
 
 def environments(composed: Composed) -> set[str]:
-    """Every value of a variable of a process that runs."""
     found = set()
     for process in composed.processes.values():
         for member in descendants(process.pid):
@@ -146,7 +141,6 @@ def environments(composed: Composed) -> set[str]:
 
 
 def wait_for_end(mill: httpx.Client, job_id: str) -> None:
-    """Wait for a job's success: up to 55 s an answer, in which nothing comes."""
     for _ in range(4):
         job = mill.get(f"/v1/jobs/{job_id}", params={"wait": 55}).json()
         if job["state"] not in {"queued", "running"}:

@@ -46,7 +46,6 @@ def check_demo(output: Path, printed: str, *, error_mm: float, relative_error: f
     assert calibrated < relative_error
     # A tape's few millimetres are seen less in large pixels, where rings leave an error of their own.
     assert by_tape > (3 if size >= 256 else 1.4) * calibrated
-
     text = (output / "index.html").read_text()
     shown = re.findall(r'(?:src|href)="([^"]+)"', text)
     assert all((output / name).is_file() for name in shown), shown

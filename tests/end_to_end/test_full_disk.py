@@ -46,7 +46,6 @@ def skip_unless_mounted(command: list[str]) -> None:
 
 
 def leave_free(ballast: Path, free_bytes: int) -> None:
-    """Fill the disk up to this number of bytes."""
     with ballast.open("ab", buffering=0) as file:
         for size in (2**20, 2**12):
             with suppress(OSError):
@@ -77,7 +76,6 @@ def test_an_accepted_job_waits_for_room_and_the_worker_stays(on_small_disk, phan
         assert service.client.post("/v1/scans", params=spec, content=bytes(2**16)).status_code == 507
         time.sleep(1.0)
         assert job()["attempt"] <= 1, "not even a claim can be written"
-
         reasons = set()
         deadline = time.monotonic() + 120
         while job()["attempt"] <= 3:
@@ -88,7 +86,6 @@ def test_an_accepted_job_waits_for_room_and_the_worker_stays(on_small_disk, phan
             time.sleep(0.1)
         assert reasons == {"storage-full"}
         assert workers(service.process_id) == {worker}
-
         (disk / "ballast").unlink()
         assert service.wait(job_id)["state"] == "succeeded"
         assert service.get("/health/ready").json()["state"] == "ready"
@@ -169,7 +166,6 @@ def test_jobs_wait_for_a_mount_that_comes_and_goes_and_none_is_lost(
             assert service.get(f"/v1/jobs/{scan['job_id']}").json()["attempt"] == 0
             mount("mount", "--bind", str(service.data), str(share))
             assert service.wait(scan["job_id"])["state"] == "succeeded"
-
             jobs = []
             for away, back in (
                 (["umount", "--lazy", str(share)], ["mount", "--bind", str(service.data), str(share)]),

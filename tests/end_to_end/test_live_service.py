@@ -154,7 +154,6 @@ def test_scheduled_recalibrations_tell_what_moved(live, mill, phantom_scan):
 
     first = live.post("/v1/calibrations", json={"scan_id": scanned(as_built, 1), "activate": True})
     assert live.wait(first["job_id"])["state"] == "succeeded"
-
     schedule = store.schedules.create(ScheduleSpec(scanner_id=scanner_id, cron="30 5 * * *"))
 
     def next_morning() -> list:
@@ -175,10 +174,8 @@ def test_scheduled_recalibrations_tell_what_moved(live, mill, phantom_scan):
     assert unmoved["calibration_id"] == first["id"]
     assert unmoved["within_tolerance"]
     assert unmoved["ray_change_mm"] < 0.05
-
     (idle,) = next_morning()
     assert idle.outcome == "no-new-phantom-scan"
-
     scanned(knocked, 3)
     moved = compared()
     assert not moved["within_tolerance"]

@@ -85,7 +85,6 @@ class Mill:
         return [str(Path(sys.executable).with_name("sawmill")), *arguments, "--data", str(self.data)]
 
     def administrator(self) -> dict[str, str]:
-        """The headers of the first administrator, whose key is made before the service starts."""
         made = self.sawmill("key", "create", "--name", "anna", "--scope", "admin")
         secret = subprocess.run(made, env=self.variables, capture_output=True, text=True, check=True).stdout.strip()
         return {"Authorization": f"Bearer {secret}"}
@@ -107,7 +106,6 @@ class Mill:
         return text.replace(BACKEND, f"127.0.0.1:{self.backend}")
 
     def shortened(self, name: str, limits: dict[str, str]) -> str:
-        """Return an example with other time limits."""
         text = self.example(name)
         for line, short in limits.items():
             assert text.count(line) == 1

@@ -1,7 +1,4 @@
-"""The database's own witness of what happened to each job: triggers, in the very transactions that change the rows.
-
-It trusts nothing that the product counts or logs.
-"""
+"""What happened to each job by triggers in the transactions that change the rows, whatever the product counts."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -20,8 +17,6 @@ TEMPORARY = ("attempts", "incoming", "removed")
 
 @dataclass(frozen=True)
 class Ledger:
-    """The content of the database at the end."""
-
     states: dict[str, str]
     losses: int
     doubles: list[str]

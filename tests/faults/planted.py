@@ -147,7 +147,6 @@ DEFECTS = (
 
 
 def tests_pass(copy: Path, tests: Iterable[Path]) -> bool:
-    """Run tests in the copy, up to the first that fails."""
     command = [sys.executable, "-m", "pytest", "--numprocesses", "0", "--quiet", "--exitfirst", *map(str, tests)]
     environment = {**os.environ, "PYTHONPATH": f"{copy}/service:{copy}/worker"}
     done = subprocess.run(command, cwd=copy, env=environment, capture_output=True, text=True, check=False)

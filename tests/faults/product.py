@@ -36,10 +36,7 @@ SETTINGS = {
 
 
 class Product:
-    """A server, and a Celery worker if there is a broker, kept up as an init system does.
-
-    The folder holds the data folder and the log; the variables are added to the usual ones.
-    """
+    """A server, and a Celery worker if there is a broker, kept up as an init system does; a folder has data and log."""
 
     def __init__(self, folder: Path, variables: Mapping[str, str], *, broker: bool) -> None:
         self.world, self._log = folder.name, folder / "log"
@@ -58,7 +55,6 @@ class Product:
 
     @property
     def api(self) -> list[int]:
-        """The process that serves, and the Celery worker."""
         return [self._running[place].pid for place in sorted(self._running)]
 
     def start(self) -> None:

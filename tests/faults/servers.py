@@ -90,7 +90,6 @@ class Postgres:
         self.wait_until_it_answers()
 
     def wait_until_it_answers(self) -> None:
-        """Wait until a server that was started by `command` accepts connections."""
         _wait_for(lambda: self._connect().close(), psycopg.OperationalError)
 
     def new_database(self, name: str) -> str:

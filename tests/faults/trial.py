@@ -23,8 +23,6 @@ SETTLED_S = 45.0  # limit for the removal of remains: detection, 5 s of grace, r
 
 @dataclass
 class Trial:
-    """The state that faults use and change."""
-
     product: Product
     audit: Audit
     asker: Asker
@@ -46,7 +44,6 @@ class Trial:
         return not self.over.wait(self.rng.uniform(0.0, 0.3))
 
     def holders(self) -> list[int]:
-        """List the workers with a job; none while the database does not answer."""
         with suppress(DBAPIError):
             return self.audit.holders()
         return []

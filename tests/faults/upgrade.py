@@ -50,7 +50,6 @@ def _insert(connection: Connection, rows: dict[str, list[dict[str, Any]]]) -> No
 
 
 def _typed(table: Table, name: str, value: object) -> object:
-    """Convert a JSON value to the column's type."""
     column = table.columns[name].type
     if isinstance(column, DateTime):
         moment = datetime.fromisoformat(str(value))

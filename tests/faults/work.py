@@ -39,8 +39,6 @@ class Work:
 
 @dataclass(frozen=True)
 class Accepted:
-    """A request that the service answered with 202."""
-
     work: Work
     subject_id: str
     job_id: str
@@ -54,7 +52,6 @@ def phantom_scan() -> bytes:
 
 @cache
 def log_scan() -> bytes:
-    """Return 120 views of a log."""
     return _scan(LogModel.random(4).slice_at(120.0).moved(5.0, -3.0), 120)
 
 
@@ -141,7 +138,6 @@ def _without_names(value: Any) -> Any:
 
 
 def _numbers(path: Path) -> dict[str, str]:
-    """Return the digests of a file's arrays."""
     found: dict[str, str] = {}
 
     def note(name: str, item: Any) -> None:

@@ -1,3 +1,3 @@
 """Scans in files of all kinds."""
 
-from scan_files import angles_deg, nxtomo, published_data, rng, stack  # noqa: F401 - fixtures
+from scan_files import angles_deg, file, nxtomo, published_data, rng, stack  # noqa: F401 - fixtures

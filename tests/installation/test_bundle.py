@@ -110,8 +110,6 @@ def install(unpacked, *arguments):
 
 @pytest.fixture
 def refused(unpacked, tmp_path):
-    """The complaint of the script, which leaves nothing."""
-
     def run(*arguments, code=1):
         done = install(unpacked, *arguments)
         assert (done.returncode, done.stdout) == (code, ""), done.stderr
@@ -239,7 +237,6 @@ def interpreter(wanted):
 
 
 def run(*command, folder):
-    """The standard output of a command, in an environment without this one's packages."""
     clean = {name: value for name, value in os.environ.items() if name not in {"PYTHONPATH", "VIRTUAL_ENV"}}
     words = [str(part) for part in command]
     done = subprocess.run(words, cwd=folder, env=clean, capture_output=True, text=True, check=False)

@@ -22,7 +22,6 @@ ROOT = Path(__file__).parents[2]
 
 @pytest.fixture
 def commit(tmp_path: Path) -> Path:
-    """A repository whose only commit may be released as 1.2.3."""
     root = tmp_path / "repository"
     for name, text in {
         release.VERSION_FILE: 'VERSION = "1.2.3"\n',
@@ -42,7 +41,6 @@ def git(root: Path, *words: str) -> str:
 
 
 def tagged(root: Path, subject: str) -> None:
-    """Commit everything as 1.2.3."""
     git(root, "add", ".")
     git(root, "commit", "--message", subject)
     git(root, "tag", "--force", "v1.2.3")
@@ -83,7 +81,6 @@ def test_a_commit_whose_figures_are_older_than_their_code_is_no_release(commit):
 
 @pytest.fixture
 def wheels(tmp_path: Path) -> list[Path]:
-    """The product's wheel, one with the text of its licence, and one without."""
     of_a = {
         "a-1.0.dist-info/licenses/": "",
         "a-1.0.dist-info/licenses/COPYING.txt": "Do as you like.",

@@ -22,7 +22,6 @@ def hours(number):
 
 
 def after(facts, now, opened=()):
-    """The open alarms after a check, by name."""
     alarms = dict(opened)
     for what, alarm in alarm_changes(facts, alarms, now):
         if what == "alarm-opened":
@@ -43,11 +42,6 @@ def test_nothing_opens_without_limits_and_without_a_scan_the_time_counts_from_th
     }
 
 
-@pytest.mark.parametrize("time", ["scan_stored_at", "scan_accepted_at"])
-def test_any_scan_ends_the_quiet_and_a_deleted_one_counts(time):
-    assert after(replace(QUIET, **{time: hours(30)}), hours(30), after(QUIET, hours(30))) == {}
-
-
 def test_another_limit_is_another_alarm_no_limit_ends_it_and_no_clock_and_no_deletion_closes_it():
     longer = after(replace(QUIET, limits=AlarmLimits(quiet_after_hours=48)), hours(100), after(QUIET, hours(100)))
     assert [alarm.limit_hours for alarm in longer.values()] == [48.0]
@@ -56,6 +50,8 @@ def test_another_limit_is_another_alarm_no_limit_ends_it_and_no_clock_and_no_del
     opened = after(heard, hours(26))
     assert opened
     assert after(heard, hours(1), opened) == after(QUIET, hours(26), opened) == opened
+    for time in ("scan_stored_at", "scan_accepted_at"):  # a deleted scan counts
+        assert after(replace(QUIET, **{time: hours(30)}), hours(30), opened) == {}
 
 
 def test_a_phantom_scan_that_is_being_read_puts_the_alarm_off_and_ends_none():

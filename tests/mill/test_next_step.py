@@ -31,7 +31,6 @@ LIMITS = {"tolerance_mm": 0.1, "scale_tolerance_percent": 0.5}
 
 
 def moved(moved_mm, *, against="active"):
-    """What a newer calibration says of the movement."""
     reason = MovementMessage.MOVED(MovementMessage.TURNTABLE(column_mm=2.61), moved_mm=moved_mm, allowed_mm=0.5)
     known = {"calibration_id": against, "reason": reason, "coded_reason": CodedReason.of(reason)}
     return comparison(moved_mm, **known, within_tolerance=moved_mm <= 0.5)
@@ -47,7 +46,6 @@ def answer(*reasons, movement=None, **changes):
 
 
 def compared(moved_mm=0.05, *reasons, against="active", **changes):
-    """The state with a newer calibration, which is compared with the one in use."""
     movement = moved(moved_mm, against=against)
     return replace(ACTIVE, newest=Calibrated("newer", NOON, answer(*reasons, movement=movement, **changes)))
 

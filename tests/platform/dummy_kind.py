@@ -49,8 +49,6 @@ class Sum(Contract):
 
 
 class Numbers(AttemptInput):
-    """What an attempt works on."""
-
     numbers: list[int]
 
 
@@ -61,8 +59,6 @@ DECLARATION = KindDeclaration(
 
 
 class SumRow(Resource):
-    """Numbers and their sum."""
-
     __tablename__ = "sums"
 
     numbers: Mapped[Json]

@@ -5,7 +5,7 @@ import io
 import json
 import shutil
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, ExitStack, redirect_stderr
+from contextlib import ExitStack, redirect_stderr
 from dataclasses import dataclass, field
 from functools import partial, partialmethod
 from pathlib import Path
@@ -19,6 +19,7 @@ import results
 from asgi import asynchronous, scope_of
 from emptied_databases import PostgresDatabases
 from plain_logs import log_plainly
+from scan_files import new_volume
 
 from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import CalibrationRequest
@@ -35,7 +36,6 @@ from sawmill_formats.nexus import PACKED
 from sawmill_formats.output.calibration_file import NamedArray
 from sawmill_formats.output.calibration_file import write_calibration as write_calibration_file
 from sawmill_formats.output.scan_writer import write_scan as write_scan_file
-from sawmill_formats.output.volume_writer import NewVolume, new_reconstruction
 from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.contracts.keys import KeyRequest, NewKey, Scope
 from sawmill_platform.contracts.uploads import UploadRequest
@@ -58,8 +58,6 @@ SLICES, SIDE = 3, 32
 
 @dataclass
 class Client:
-    """Sends requests to the application, without a network."""
-
     app: Application
     headers: dict[str, str] = field(default_factory=dict)
 
@@ -86,7 +84,6 @@ class Client:
         return "\n\n".join([*blocks, ""])
 
     def bring(self, scope: Scope, *, name: str = "visitor", **changes: Any) -> NewKey:
-        """Make a key, and bring it from now on."""
         key = self.app.state.store.keys.create(KeyRequest(name=name, scope=scope, **changes))
         self.headers["Authorization"] = f"Bearer {key.secret}"
         return key
@@ -112,7 +109,6 @@ def _one_document() -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def seeded_data(empty_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A data folder that holds the examples."""
     folder = tmp_path_factory.mktemp("seeded") / "data"
     shutil.copytree(empty_data, folder)
     opened = Store(StorageSettings(data_folder=folder, database_url=None))
@@ -133,7 +129,6 @@ def store(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Store]:
 
 @pytest.fixture
 def postgresql_store(postgres: PostgresDatabases, tmp_path: Path) -> Iterator[Store]:
-    """A store with the examples on PostgreSQL."""
     with postgres.database() as url:
         opened = Store.open(StorageSettings(data_folder=tmp_path / "beside-postgresql", database_url=url))
         seed(opened, FakeWorker(opened))
@@ -188,8 +183,6 @@ def client(store: Store, settings: ServiceSettings, woken: list[str]) -> Client:
 
 @pytest.fixture
 def limited(client: Client, store: Store) -> Callable[..., Client]:
-    """Makes it the client of a service with these bounds."""
-
     def limit(**bounds: Any) -> Client:
         client.app = create_app(ServiceSettings(**bounds), store, print)
         return client
@@ -204,7 +197,6 @@ def worker(store: Store) -> "FakeWorker":
 
 @pytest.fixture
 def seeded(client: Client) -> Client:
-    """The client of a service whose data folder holds the examples."""
     return client
 
 
@@ -226,8 +218,6 @@ def newer(store: Store, worker: "FakeWorker") -> str:
 
 @dataclass
 class FakeWorker:
-    """Does the oldest job without any science."""
-
     store: Store
 
     def claim(self) -> Claim:
@@ -366,14 +356,14 @@ def write_calibration(folder: Path) -> None:
 
 
 def write_reconstruction(folder: Path, volume: np.ndarray) -> None:
-    with new_volume(folder, volume.shape) as volume_file:
+    with new_volume(folder / "volume.h5", volume.shape, pixel_mm=1.25, row_pitch_mm=20.0) as volume_file:
         volume_file.write(0, volume)
 
 
 def write_sparse_reconstruction(folder: Path, volume: np.ndarray) -> None:
     """With all that only some methods leave, and the deviations that an earlier version wrote."""
     alphas = np.geomspace(1e-3, 1e3, 31)
-    with new_volume(folder, volume.shape) as volume_file:
+    with new_volume(folder / "volume.h5", volume.shape, pixel_mm=1.25, row_pitch_mm=20.0) as volume_file:
         volume_file.write(0, volume)
         norms = {"residual_norms": 1.0 + alphas, "solution_norms": 1.0 / alphas, "gcv": 1.0 + alphas}
         volume_file.note_alpha_curve({"alphas": alphas, **norms, "alpha": np.array(1.0)})
@@ -383,14 +373,7 @@ def write_sparse_reconstruction(folder: Path, volume: np.ndarray) -> None:
         file["entry/reconstruction/data_errors"].attrs["units"] = "1/mm"
 
 
-def new_volume(folder: Path, shape: tuple[int, ...] = (SLICES, SIDE, SIDE)) -> AbstractContextManager[NewVolume]:
-    known = {"pixel_mm": 1.25, "row_pitch_mm": 20.0, "unit": "1/mm"}
-    unknown = {"geometry": {}, "parameters": {}, "software_version": "0", "input_sha256": "0" * 64}
-    return new_reconstruction(folder / "volume.h5", shape, **known, **unknown)
-
-
 def calibration_result(**changes: Any) -> dict[str, Any]:
-    """Of the scan that `write_scan` writes, with error bars that nothing is known of."""
     known = results.calibration_result()
     deviations = {name: dict.fromkeys(values) for name, values in known["standard_deviation"].items()}
     scanner = {**results.CONSTANTS, "num_detector_pixels": CELLS}
@@ -398,6 +381,5 @@ def calibration_result(**changes: Any) -> dict[str, Any]:
 
 
 def reconstruction_result(**changes: Any) -> dict[str, Any]:
-    """Of the volume that `make_volume` makes."""
     shape = {"shape": (SLICES, SIDE, SIDE), "pixel_mm": 1.25, "value_range": (0.0, 3.0)}
     return results.reconstruction_result(**shape, views=VIEWS, rows=(0, SLICES)) | changes

@@ -109,7 +109,6 @@ class WatchedFiles(MillFiles):
 
 @pytest.fixture
 def drawn(store):
-    """The pictures that were drawn."""
     store.calibrations.files = store.files = WatchedFiles(store.files)
     return store.files.made
 

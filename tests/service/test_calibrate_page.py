@@ -38,8 +38,6 @@ DATASET = {"name": "array", "flag": "--dataset", "field": "dataset", "why": "it 
 
 @pytest.fixture
 def inspect(store, worker):
-    """The id of an inspection with this result, as a worker left it."""
-
     def inspected(name="morning <1>.npz", **changes):
         received = store.files.receive([b"a scan"], max_bytes=100)
         inspection = store.inspections.accept_file(InspectionOptions(), received, name=name)
@@ -50,12 +48,10 @@ def inspect(store, worker):
 
 
 def shown(page):
-    """What a person reads."""
     return re.sub(r"\s+", " ", unescape(re.sub(r"<[^>]*>", " ", getattr(page, "text", page))))
 
 
 def inputs(answer, name):
-    """The values of a field's inputs; of radio buttons all."""
     return re.findall(rf'name="{name}" (?:required )?value="([^"]*)"', answer.text)
 
 
@@ -220,7 +216,6 @@ def test_a_file_that_is_no_scan_has_its_sentence(seeded, inspect):
 
 @pytest.fixture
 def started(seeded, inspect):
-    """The path of a calibration that has been asked for."""
     return seeded.post("/calibrate", data={**ANSWERS, "inspection_id": inspect(missing=[ANGLES])}).headers["Location"]
 
 
@@ -305,16 +300,12 @@ def test_a_scan_that_is_here_already_is_asked_its_phantom_alone(seeded, store, w
     assert (calibration.scan_id, calibration.phantom_id, woken) == ("example", "example-spare", [calibration.job_id])
 
 
-@pytest.fixture
-def report(seeded):
-    def get(calibration_id="example"):
-        return seeded.get(f"/calibrations/{calibration_id}/report")
-
-    return get
+def report(seeded, calibration_id="example"):
+    return seeded.get(f"/calibrations/{calibration_id}/report")
 
 
-def test_the_report_names_scanner_phantom_user_and_the_mill_s_times_and_stays_without_scan_and_file(report, store):
-    answer = report()
+def test_the_report_names_scanner_phantom_user_and_the_mill_s_times_and_stays_without_scan_and_file(seeded, store):
+    answer = report(seeded)
     assert (answer.status_code, answer.headers["content-type"]) == (200, "text/html; charset=utf-8")
     assert answer.headers["cache-control"] == "no-store"
     text = shown(answer)
@@ -326,23 +317,23 @@ def test_the_report_names_scanner_phantom_user_and_the_mill_s_times_and_stays_wi
     spec = ScheduleSpec(scanner_id="example", cron="30 5 * * 1-6", time_zone="Asia/Tokyo")
     store.schedules.create(spec, schedule_id="in-tokyo")
     store.files.result(kinds.CALIBRATE, "example", "result.h5").unlink()
-    answer = report()
+    answer = report(seeded)
     assert absent(shown(answer), "Scan example ", "(Asia/Tokyo)", "No pictures") == []
     assert "data:image" not in answer.text
 
 
-def test_a_newer_calibration_s_report_says_who_asked_and_there_is_none_before(seeded, store, worker, report):
+def test_a_newer_calibration_s_report_says_who_asked_and_there_is_none_before(seeded, store, worker):
     made = store.keys.create(KeyRequest(name="scanner of line 2", scope=Scope.SUBMIT))
     headers = {"Authorization": f"Bearer {made.secret}"}
     asked = seeded.post("/v1/calibrations", json={"scan_id": "example"}, headers=headers).json()["id"]
     worker.finish_calibration(verdict="watch", rays_verdict="watch", reasons=["the <log> moved"])
     store.files.result(kinds.CALIBRATE, asked, "result.h5").unlink()  # its pictures take a second
-    assert absent(shown(report(asked)), "scanner of line 2", "In use no", "the <log> moved") == []
+    assert absent(shown(report(seeded, asked)), "scanner of line 2", "In use no", "the <log> moved") == []
     waiting = seeded.post("/v1/calibrations", json={"scan_id": "example"}).json()["id"]
-    answer = report(waiting)
+    answer = report(seeded, waiting)
     assert answer.status_code == 409
     assert answer.json()["detail"] == f"calibration '{waiting}' is queued and has no report"
-    assert report("nothing").status_code == 404
+    assert report(seeded, "nothing").status_code == 404
 
 
 PAGE = "/scanners/example/compare"

@@ -40,11 +40,9 @@ def test_a_download_is_known_by_its_bytes(seeded):
         assert int(headers["Content-Length"]) == len(whole.content)
         assert headers["Content-Disposition"].startswith(f'{FILES[path]}; filename="')
         assert re.search("example|l-shape|Line", headers["Content-Disposition"])
-
         held = seeded.get(path, headers={"If-None-Match": headers["ETag"]})
         assert (held.status_code, held.content, held.headers["ETag"]) == (304, b"", headers["ETag"])
         assert held.headers["Cache-Control"] == kept
-
         part = seeded.get(path, headers={"Range": "bytes=3-12", "If-Range": headers["ETag"]})
         assert (part.status_code, part.content) == (206, whole.content[3:13])
         assert part.headers["Content-Range"] == f"bytes 3-12/{len(whole.content)}"
@@ -94,8 +92,6 @@ def test_a_picture_is_drawn_once_for_head_and_get_and_a_file_gone_before_it_was_
 
 
 class SlowResults(VerifiedResults):
-    """Verifies volumes when it is let go on."""
-
     def __init__(self, store):
         super().__init__(store.jobs.digest_of_result, pytest.fail, pytest.fail)
         self.begun, self.go_on, self.computed = Event(), Event(), []

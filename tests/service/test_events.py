@@ -38,8 +38,6 @@ class WatchedEvents(Events):
 
 
 class WatchedReader:
-    """A reader that tells its table of each look."""
-
     def __init__(self, events: WatchedEvents, reader: EventReader) -> None:
         self._events, self._reader = events, reader
 
@@ -57,7 +55,6 @@ class WatchedReader:
 
 @pytest.fixture
 def watched(seeded, store) -> WatchedEvents:
-    """The table that the service's feed reads."""
     events = WatchedEvents(store)
     seeded.app.state.event_feed = EventFeed(events, seeded.app.state.settings.event_poll_s)
     return events

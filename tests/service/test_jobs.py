@@ -2,7 +2,7 @@
 
 import asyncio
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import pytest
 from asgi import blocks, refusal, scope_of
@@ -154,8 +154,6 @@ def test_a_wait_outlives_a_database_that_does_not_answer_and_is_over_in_time_tho
     waits = threading.Event()
 
     class Followed(EventFeed):
-        """Tells when somebody waits for its events."""
-
         async def after(self, number: int, scanner_id: str | None = None) -> tuple[int, Sequence[Event]]:
             waits.set()
             return await super().after(number, scanner_id)
@@ -174,34 +172,23 @@ def test_a_wait_outlives_a_database_that_does_not_answer_and_is_over_in_time_tho
     going.join()
 
 
-@pytest.fixture
-def listen(seeded, job_id) -> Callable[..., str]:
-    """The text of a stream."""
-
-    def text(last_id: str | None = None) -> str:
-        headers = {} if last_id is None else {"Last-Event-ID": last_id}
-        answer = seeded.get(f"/v1/jobs/{job_id}/events", headers=headers, timeout=60)
-        assert answer.status_code == (200 if answer.text else 204)
-        return answer.text
-
-    return text
+def listen(seeded, job_id, last_id: str | None = None) -> str:
+    headers = {} if last_id is None else {"Last-Event-ID": last_id}
+    answer = seeded.get(f"/v1/jobs/{job_id}/events", headers=headers, timeout=60)
+    assert answer.status_code == (200 if answer.text else 204)
+    return answer.text
 
 
-@pytest.fixture
-def stop_and_start(seeded, store, settings) -> Callable[[], None]:
+def stop_and_start(seeded, store, settings) -> None:
     """The service ends, and another one begins on the same data."""
-
-    def act() -> None:
-        seeded.app.state.stopping.begin()
-        seeded.app = create_app(settings, store, lambda _: None)
-
-    return act
+    seeded.app.state.stopping.begin()
+    seeded.app = create_app(settings, store, lambda _: None)
 
 
-def test_a_stream_begins_with_the_time_to_come_back_and_its_ids_are_numbers_of_events(store, worker, job_id, listen):
+def test_a_stream_begins_with_the_time_to_come_back_and_its_ids_are_numbers_of_events(seeded, store, worker, job_id):
     numbers = [event.number for event in store.events.following(0) if event.job_id == job_id]
     threading.Timer(0.3, worker.finish_calibration).start()
-    heard = blocks(listen())
+    heard = blocks(listen(seeded, job_id))
     events = [event for event in store.events.following(0) if event.job_id == job_id]
     assert [event.type for event in events[:3]] == ["queued", "started", "succeeded"]
     queued, started, ended = [event.number for event in events[:3]]
@@ -210,16 +197,16 @@ def test_a_stream_begins_with_the_time_to_come_back_and_its_ids_are_numbers_of_e
     assert (heard[-1]["event"], heard[-1]["id"], heard[-2]["id"]) == ("end", str(ended), str(started))
 
 
-def test_wherever_a_stream_is_cut_the_final_state_comes_and_the_end_once(worker, listen, stop_and_start):
+def test_wherever_a_stream_is_cut_the_final_state_comes_and_the_end_once(worker, job_id, seeded, store, settings):
     threading.Timer(0.3, worker.finish_calibration).start()
-    whole = listen()
-    stop_and_start()
+    whole = listen(seeded, job_id)
+    stop_and_start(seeded, store, settings)
     again: dict[str | None, str] = {}
     for cut in range(len(whole) + 1):
         heard = blocks(whole[:cut])
         last_id = heard[-1]["id"] if heard else None
         if last_id not in again:
-            again[last_id] = listen(last_id)
+            again[last_id] = listen(seeded, job_id, last_id)
         heard += blocks(again[last_id])
         assert [block["event"] for block in heard].count("end") == 1, cut
         assert heard[-1]["event"] == "end", cut
@@ -227,19 +214,19 @@ def test_wherever_a_stream_is_cut_the_final_state_comes_and_the_end_once(worker,
     assert again[blocks(whole)[-1]["id"]] == ""
 
 
-def test_a_running_job_is_sent_as_it_is_whatever_the_client_has_seen(seeded, store, worker, listen, stop_and_start):
+def test_a_running_job_is_sent_as_it_is_whatever_the_client_has_seen(seeded, store, worker, job_id, settings):
     """Progress has no event of its own: a client may hold the newest number and an older state."""
     claim = worker.claim()
     for fraction in (0.25, 0.5):
         store.jobs.heartbeat(claim, Progress(fraction=fraction, stage="search"))
         threading.Timer(0.2, seeded.app.state.stopping.begin).start()
-        first, *_, closing = blocks(listen(str(store.events.numbers_of_job(claim.job_id).latest)))
+        first, *_, closing = blocks(listen(seeded, job_id, str(store.events.numbers_of_job(job_id).latest)))
         assert (first["event"], first["data"]["progress"]["fraction"]) == ("job", fraction)
         assert (closing["event"], closing["id"], closing["retry"]) == ("closing", first["id"], "1000")
-        stop_and_start()
+        stop_and_start(seeded, store, settings)
 
 
-def test_a_job_that_ends_between_two_looks_has_the_number_of_its_end(store, worker, job_id, listen):
+def test_a_job_that_ends_between_two_looks_has_the_number_of_its_end(seeded, store, worker, job_id):
     """Its numbers are read before its row."""
 
     class EndingFirst(Jobs):
@@ -249,20 +236,18 @@ def test_a_job_that_ends_between_two_looks_has_the_number_of_its_end(store, work
             return super().get(job_id)
 
     store.jobs = EndingFirst(store.database, store.files, MILL_SUBJECTS)
-    *_, job, end = blocks(listen())
+    *_, job, end = blocks(listen(seeded, job_id))
     latest, ended = store.events.numbers_of_job(job_id)
     assert (job["id"], end["id"]) == (str(latest), str(ended))
 
 
-def test_an_id_never_given_is_one_of_before_and_the_first_versions_jobs_end_without_one(
-    seeded, store, worker, job_id, listen
-):
+def test_an_id_never_given_is_one_of_before_and_the_first_versions_jobs_end_without_one(seeded, store, worker, job_id):
     for headers in ({}, {"Last-Event-ID": "0"}):
         job, end = blocks(seeded.get("/v1/jobs/example/events", headers=headers).text)
         assert (job["event"], end["event"], "id" in end) == ("job", "end", False)
     worker.finish_calibration()
     for other in ("0", str(store.events.newest_number() + 1)):
-        assert [block["event"] for block in blocks(listen(other))] == ["job", "end"]
+        assert [block["event"] for block in blocks(listen(seeded, job_id, other))] == ["job", "end"]
     for wrong in ("-1", "x"):
         answer = seeded.get(f"/v1/jobs/{job_id}/events", headers={"Last-Event-ID": wrong})
         assert (answer.status_code, "Last-Event-ID" in answer.json()["detail"]) == (422, True)

@@ -99,7 +99,6 @@ def test_a_request_takes_no_thread_before_its_route_does():
 
 @pytest.fixture
 def job_id(store) -> str:
-    """The job that reads a scan."""
     spec = ScanSpec(scanner_id=store.scanners.create(ScannerSpec.model_validate(SPEC)).id, data=DataKind.COUNTS)
     return store.scans.accept(spec, store.files.receive([b"scan"], max_bytes=9)).job_id
 
@@ -208,8 +207,6 @@ def test_who_does_not_wait_takes_no_place_of_those_who_do(limited, store, job_id
     path, begun = f"/v1/jobs/{job_id}", asyncio.Event()
 
     class Followed(EventFeed):
-        """Tells when somebody waits for its events."""
-
         async def start(self, after: int | None) -> int:
             begun.set()
             return await super().start(after)
@@ -295,7 +292,6 @@ def plan(number):
 
 
 def bounded(store, settings, **limits):
-    """The same data behind a service with these limits."""
     limits = {f"max_queued_jobs{name}": most for name, most in limits.items()}
     again = Store(store.settings.model_copy(update=limits))
     return create_app(settings, again, print), again
@@ -303,7 +299,6 @@ def bounded(store, settings, **limits):
 
 @pytest.fixture
 def full(seeded, store, settings):
-    """The client of a service whose one place is taken."""
     seeded.app, again = bounded(store, settings, **{"": 1})
     store.plans.accept(PlanRequest(**plan(0)), given={"phantom_id": "l-shape"})
     yield seeded

@@ -115,7 +115,6 @@ def test_connections_are_sent_at_once_end_without_their_client_and_refused_ones_
 
 
 def missing_a_proxy(log: Path) -> list[str]:
-    """What a log says that a proxy would add."""
     lines = [json.loads(line) for line in log.read_text().splitlines()]
     return [line["reason"] for line in lines if line["event"] == "no-proxy"]
 

@@ -47,7 +47,6 @@ def log_in(browser, secret, **fields):
 
 
 def code(answer):
-    """Of a problem, as the page for people shows it below."""
     assert answer.headers["Content-Type"].startswith("text/html")
     return re.search(r"/problems/([\w-]+)", answer.text)[1]
 

@@ -35,97 +35,91 @@ from sawmill_store.store import Store
 pytestmark = pytest.mark.usefixtures("seeded")
 
 
-@pytest.fixture
-def scrape(client):
-    """Reads one value by its name and labels; none where there is none."""
-
-    def read(name: str, **labels: str) -> float | None:
-        families = text_string_to_metric_families(client.get("/metrics").text)
-        found = (sample for family in families for sample in family.samples)
-        return next((sample.value for sample in found if (sample.name, sample.labels) == (name, labels)), None)
-
-    return read
+def scrape(client, name: str, **labels: str) -> float | None:
+    families = text_string_to_metric_families(client.get("/metrics").text)
+    found = (sample for family in families for sample in family.samples)
+    return next((sample.value for sample in found if (sample.name, sample.labels) == (name, labels)), None)
 
 
 def fail(store, code: str, kind: FailureKind = FailureKind.INPUT) -> None:
     store.jobs.fail(store.jobs.claim("test"), Failure(kind=kind, code=code, detail="it failed"))
 
 
-def test_a_scrape_of_the_examples_and_of_a_job_that_waits_for_a_worker(scrape, seeded, store, settings):
-    assert scrape("sawmill_jobs_by_kind", kind="ingest", state="queued") == 0
-    assert scrape("sawmill_attempts_total", kind="reconstruct", outcome="lost") == 0
-    assert scrape("sawmill_job_failures_total", kind="drift", fault="internal", code="internal-error") == 0
-    assert scrape("sawmill_job_duration_seconds_count", kind="trace-phantom") == 0
-    assert scrape("sawmill_attempts_total", kind="ingest", outcome="succeeded") == 2
-    assert scrape("sawmill_job_duration_seconds_bucket", kind="ingest", le="+Inf") == 2
-    assert scrape("sawmill_job_duration_seconds_sum", kind="ingest") < 60
+def test_a_scrape_of_the_examples_and_of_a_job_that_waits_for_a_worker(client, seeded, store, settings):
+    assert scrape(client, "sawmill_jobs_by_kind", kind="ingest", state="queued") == 0
+    assert scrape(client, "sawmill_attempts_total", kind="reconstruct", outcome="lost") == 0
+    assert scrape(client, "sawmill_job_failures_total", kind="drift", fault="internal", code="internal-error") == 0
+    assert scrape(client, "sawmill_job_duration_seconds_count", kind="trace-phantom") == 0
+    assert scrape(client, "sawmill_attempts_total", kind="ingest", outcome="succeeded") == 2
+    assert scrape(client, "sawmill_job_duration_seconds_bucket", kind="ingest", le="+Inf") == 2
+    assert scrape(client, "sawmill_job_duration_seconds_sum", kind="ingest") < 60
     of_scanner = {"scanner": "example"}
-    assert scrape("sawmill_scanner_in_tolerance", **of_scanner) == 1
-    assert scrape("sawmill_scanner_calibration_failed", **of_scanner) == 0
+    assert scrape(client, "sawmill_scanner_in_tolerance", **of_scanner) == 1
+    assert scrape(client, "sawmill_scanner_calibration_failed", **of_scanner) == 0
     for which in ("active", "newest"):
-        assert scrape("sawmill_scanner_ray_error_millimeters", **of_scanner, calibration=which) == 0.02
-        assert scrape("sawmill_scanner_ray_error_upper_95_millimeters", **of_scanner, calibration=which) == 0.04
-    assert scrape("sawmill_scanner_ray_error_tolerance_millimeters", **of_scanner) == 0.1
-    assert scrape("sawmill_scanner_movement_millimeters", **of_scanner, seen_by="drift") == 0.01
-    assert scrape("sawmill_scanner_movement_tolerance_millimeters", **of_scanner) == 0.5
-    assert 0 <= scrape("sawmill_scanner_calibration_age_seconds", **of_scanner) < 3600
-    assert 0 <= scrape("sawmill_scanner_drift_check_age_seconds", **of_scanner) < 3600
-    assert scrape("sawmill_scanner_in_tolerance", scanner="example-spare") is None
-    assert scrape("sawmill_scanner_calibration_failed", scanner="example-spare") == 0
+        assert scrape(client, "sawmill_scanner_ray_error_millimeters", **of_scanner, calibration=which) == 0.02
+        assert scrape(client, "sawmill_scanner_ray_error_upper_95_millimeters", **of_scanner, calibration=which) == 0.04
+    assert scrape(client, "sawmill_scanner_ray_error_tolerance_millimeters", **of_scanner) == 0.1
+    assert scrape(client, "sawmill_scanner_movement_millimeters", **of_scanner, seen_by="drift") == 0.01
+    assert scrape(client, "sawmill_scanner_movement_tolerance_millimeters", **of_scanner) == 0.5
+    assert 0 <= scrape(client, "sawmill_scanner_calibration_age_seconds", **of_scanner) < 3600
+    assert 0 <= scrape(client, "sawmill_scanner_drift_check_age_seconds", **of_scanner) < 3600
+    assert scrape(client, "sawmill_scanner_in_tolerance", scanner="example-spare") is None
+    assert scrape(client, "sawmill_scanner_calibration_failed", scanner="example-spare") == 0
     seeded.post("/v1/calibrations", json={"scan_id": "example"})
-    assert scrape("sawmill_jobs_without_worker") == 0
+    assert scrape(client, "sawmill_jobs_without_worker") == 0
     later = Store(store.settings, clock=lambda: store.now() + timedelta(minutes=1))
     seeded.app = create_app(settings, later, print)
-    assert scrape("sawmill_jobs_without_worker") == 1
+    assert scrape(client, "sawmill_jobs_without_worker") == 1
     store.jobs.claim("test")
-    assert scrape("sawmill_jobs_without_worker") == 0
+    assert scrape(client, "sawmill_jobs_without_worker") == 0
     later.close()
 
 
-def test_failures_are_counted_by_code_and_the_new_count_adds_up_to_the_old_one(seeded, store, scrape):
+def test_failures_are_counted_by_code_and_the_new_count_adds_up_to_the_old_one(seeded, store, client):
     for code in ("too-few-views", "<made up>", "of an older version"):
         seeded.post("/v1/calibrations", json={"scan_id": "example"})
         fail(store, code)
-    assert scrape("sawmill_job_failures_total", kind="calibrate", fault="input", code="too-few-views") == 1
-    assert scrape("sawmill_job_failures_total", kind="calibrate", fault="input", code="other") == 2
+    assert scrape(client, "sawmill_job_failures_total", kind="calibrate", fault="input", code="too-few-views") == 1
+    assert scrape(client, "sawmill_job_failures_total", kind="calibrate", fault="input", code="other") == 2
     for peak_memory_bytes in (2**30, 2**31):
         seeded.post("/v1/drifts", json={"scan_id": "example"})
         claim = store.jobs.claim("test")
         output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
         answer = results.answer_of(claim.job.kind, results.drift_result())
         store.jobs.succeed(claim, answer, output, peak_memory_bytes=peak_memory_bytes)
-    assert scrape("sawmill_attempt_peak_memory_bytes_sum", kind="drift") == 3 * 2**30
-    assert scrape("sawmill_attempt_peak_memory_bytes_count", kind="drift") == 2
-    assert scrape("sawmill_attempt_peak_memory_max_bytes", kind="drift") == 2**31
+    assert scrape(client, "sawmill_attempt_peak_memory_bytes_sum", kind="drift") == 3 * 2**30
+    assert scrape(client, "sawmill_attempt_peak_memory_bytes_count", kind="drift") == 2
+    assert scrape(client, "sawmill_attempt_peak_memory_max_bytes", kind="drift") == 2**31
     seeded.post("/v1/calibrations", json={"scan_id": "example"})
-    assert scrape("sawmill_jobs", state="queued") == 1
-    assert scrape("sawmill_jobs_by_kind", kind="calibrate", state="queued") == 1
-    assert scrape("sawmill_oldest_queued_job_seconds", kind="calibrate") >= 0.0
+    assert scrape(client, "sawmill_jobs", state="queued") == 1
+    assert scrape(client, "sawmill_jobs_by_kind", kind="calibrate", state="queued") == 1
+    assert scrape(client, "sawmill_oldest_queued_job_seconds", kind="calibrate") >= 0.0
 
 
-def test_movement_and_a_calibration_that_failed_turn_the_scanner_red(store, worker, scrape):
+def test_movement_and_a_calibration_that_failed_turn_the_scanner_red(store, worker, client):
     store.drifts.accept(DriftRequest(scan_id="example"))
     worker.finish_drift(within_tolerance=False, ray_change_mm=0.7, reason="the detector moved")
-    assert scrape("sawmill_scanner_in_tolerance", scanner="example") == 0
-    assert scrape("sawmill_scanner_movement_millimeters", scanner="example", seen_by="drift") == 0.7
+    assert scrape(client, "sawmill_scanner_in_tolerance", scanner="example") == 0
+    assert scrape(client, "sawmill_scanner_movement_millimeters", scanner="example", seen_by="drift") == 0.7
     unseen, wrong = partial(fail, store, "phantom-not-seen"), {"verdict": "fail", "predicted_ray_error_mm": None}
     good, bad = worker.finish_calibration, partial(worker.finish_calibration, **wrong)
     for end, failed in ((unseen, 1), (good, 0), (bad, 1)):
         store.calibrations.accept(CalibrationRequest(scan_id="example"))
         end()
-        assert scrape("sawmill_scanner_calibration_failed", scanner="example") == failed
-        assert scrape("sawmill_scanner_ray_error_millimeters", scanner="example", calibration="active") == 0.02
+        assert scrape(client, "sawmill_scanner_calibration_failed", scanner="example") == failed
+        assert scrape(client, "sawmill_scanner_ray_error_millimeters", scanner="example", calibration="active") == 0.02
 
 
-def test_a_database_or_a_data_folder_that_is_away_leaves_the_rest(store, scrape):
-    assert scrape("sawmill_database_up") == 1
+def test_a_database_or_a_data_folder_that_is_away_leaves_the_rest(store, client):
+    assert scrape(client, "sawmill_database_up") == 1
     with database_away(store.database):
-        assert (scrape("sawmill_database_up"), scrape("sawmill_jobs", state="queued")) == (0, None)
-        assert scrape("sawmill_data_folder_free_bytes") > 0
-        assert scrape("sawmill_http_requests_total", method="GET", route="/metrics", status="200") >= 3
+        assert (scrape(client, "sawmill_database_up"), scrape(client, "sawmill_jobs", state="queued")) == (0, None)
+        assert scrape(client, "sawmill_data_folder_free_bytes") > 0
+        assert scrape(client, "sawmill_http_requests_total", method="GET", route="/metrics", status="200") >= 3
     (store.files.folder / "identity").unlink()  # as in the empty folder of a share that is not mounted
-    assert (scrape("sawmill_data_folder_up"), scrape("sawmill_data_folder_free_bytes")) == (0, None)
-    assert scrape("sawmill_database_up") == 1
+    assert (scrape(client, "sawmill_data_folder_up"), scrape(client, "sawmill_data_folder_free_bytes")) == (0, None)
+    assert scrape(client, "sawmill_database_up") == 1
 
 
 def test_scrapes_at_once_share_a_count_that_begins_after_they_came(store):
@@ -165,17 +159,17 @@ def test_scrapes_at_once_share_a_count_that_begins_after_they_came(store):
     assert len(counts) == 2
 
 
-def test_requests_are_counted_by_route_and_known_methods(client, scrape):
+def test_requests_are_counted_by_route_and_known_methods(client):
     for identifier in ("one", "two"):
         client.get(f"/v1/scanners/{identifier}")
     client.get("/no/such/path")
     for method in ("BREW", "WHEN"):
         client.request(method, "/v1/scanners")
     route, total = "/v1/scanners/{scanner_id}", "sawmill_http_requests_total"
-    assert scrape(total, method="GET", route=route, status="404") == 2
-    assert scrape(total, method="GET", route="unmatched", status="404") == 1
-    assert scrape("sawmill_http_request_seconds_count", method="GET", route=route) == 2
-    assert scrape(total, method="other", route="/v1/scanners", status="405") == 2
+    assert scrape(client, total, method="GET", route=route, status="404") == 2
+    assert scrape(client, total, method="GET", route="unmatched", status="404") == 1
+    assert scrape(client, "sawmill_http_request_seconds_count", method="GET", route=route) == 2
+    assert scrape(client, total, method="other", route="/v1/scanners", status="405") == 2
     assert "BREW" not in client.get("/metrics").text
 
 
@@ -255,8 +249,6 @@ OTHER_WORDS = {"or", "and", "unless", "sum", "max", "increase", "rate", "absent"
 
 
 class Selector(NamedTuple):
-    """A metric with the labels that it is asked for by, each with an operator and a value."""
-
     name: str
     matchers: list[tuple[str, str, str]]
 
@@ -311,7 +303,9 @@ def test_rules_and_dashboard_are_whole_and_name_what_is_of_a_scrape(client):
     assert page["schemaVersion"] >= 36
     assert len({panel["id"] for panel in page["panels"]}) == len(page["panels"])
     assert all(panel["targets"] and panel["datasource"]["uid"] == "${datasource}" for panel in panels)
-    cells = [(x, y) for panel in page["panels"] for x, y in area(**panel["gridPos"])]
+    places = [panel["gridPos"] for panel in page["panels"]]
+    assert all(at["x"] + at["w"] <= 24 for at in places)
+    cells = [(at["x"] + x, at["y"] + y) for at in places for x in range(at["w"]) for y in range(at["h"])]
     assert len(cells) == len(set(cells)), "panels lie over each other"
     variables = {variable["name"] for variable in page["templating"]["list"]}
     assert set(re.findall(r"\$\{?([a-z]+)", json.dumps(panels))) <= variables
@@ -337,11 +331,6 @@ def test_rules_and_dashboard_are_whole_and_name_what_is_of_a_scrape(client):
             selectors, grouped = parsed(target["expr"])
             left = grouped or {label for name, _ in selectors for label in known[name]}
             assert set(re.findall(r"\{\{(\w+)\}\}", target["legendFormat"])) <= left
-
-
-def area(x: int, y: int, w: int, h: int) -> Iterator[tuple[int, int]]:
-    assert x + w <= 24
-    return ((column, line) for column in range(x, x + w) for line in range(y, y + h))
 
 
 @pytest.mark.nightly

@@ -112,7 +112,6 @@ def test_every_property_and_parameter_has_a_description_a_unit_and_valid_example
 
 
 def parts(document, place=""):
-    """Every object of the document, with its place."""
     for name, value in document.items() if isinstance(document, dict) else enumerate(document):
         if isinstance(value, dict | list):
             yield from parts(value, f"{place}/{name}")
@@ -227,7 +226,6 @@ ASKED = {f"create_{declared.noun}" for declared in asked_kinds()}
 
 
 def followed_by(operation_id: str) -> tuple[str, str]:
-    """The event, and what it is of."""
     verb, _, noun = operation_id.partition("_")
     return FOLLOWED_BY.get(operation_id) or (
         ("queued", noun) if operation_id in ASKED else (f"{noun}-{DONE[verb]}", noun)
@@ -236,12 +234,10 @@ def followed_by(operation_id: str) -> tuple[str, str]:
 
 @pytest.fixture(params=["store", pytest.param("postgresql_store", marks=pytest.mark.nightly)])
 def changing(request, seeded, settings):
-    """A client of a service with the examples, on each database in turn."""
     return replace(seeded, app=create_app(settings, request.getfixturevalue(request.param), [].append))
 
 
 def options_of(client, example):
-    """What a request's query, headers and body are, as httpx is given them."""
     options = {"params": example["query"], "headers": example["headers"]}
     if example["body_file"]:
         offered = client.get(example["body_file"])
@@ -303,7 +299,6 @@ MARKS = {f"{ask.__name__}-{name}": mark for ask, name, mark in FIELDS} | {str(ea
 def test_an_answer_to_who_uses_what_is_out_of_use_says_so_and_links_to_the_document(seeded, log_lines):
     assert not {"Deprecation", "Link"} & {*seeded.post(PATH, json={"scan_id": "example"}).headers}
     assert not [line for line in log_lines() if line["event"] == "out-of-use"]
-
     used = seeded.post(PATH, json={"scan_id": "example", "uncertainty": False}, headers={"Idempotency-Key": "once"})
     check_documented(used)
     assert used.status_code == 202
@@ -311,7 +306,6 @@ def test_an_answer_to_who_uses_what_is_out_of_use_says_so_and_links_to_the_docum
     [line] = [line for line in log_lines() if line["event"] == "out-of-use"]
     assert line["fields"] == {"uncertainty": "0.3.0"}
     assert {"key_id", "request_id"} <= line.keys()
-
     again = seeded.post(PATH, json={"scan_id": "example", "uncertainty": False}, headers={"Idempotency-Key": "once"})
     announced = ("Deprecation", "Link", "Location")
     assert [again.headers[name] for name in announced] == [used.headers[name] for name in announced]
@@ -321,7 +315,6 @@ def test_an_answer_to_who_uses_what_is_out_of_use_says_so_and_links_to_the_docum
 
 
 def described(seeded, answer):
-    """What the link of an answer leads to."""
     address, *parameters = answer.headers["Link"].split("; ")
     assert parameters == ['rel="deprecation"', 'type="application/json"']
     path, _, pointer = address.strip("<>").partition("#/")

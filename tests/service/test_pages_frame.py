@@ -183,7 +183,6 @@ INLINE = r"<script(?! type=.module. src=./static/)|<style|<[^>]* (?:style|on\w+)
 
 
 def article(html: str) -> str:
-    """A document, without the frame around it."""
     return html[html.index("<article") : html.index("</article>")]
 
 

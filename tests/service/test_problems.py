@@ -126,8 +126,6 @@ def test_storage_trouble_is_reported_and_an_unexpected_error_gives_nothing_away(
 
 
 class Failing:
-    """A resource of which every method raises."""
-
     def __init__(self, error):
         self.error = error
 
@@ -240,7 +238,6 @@ def test_bodies_of_every_depth_are_answered(client, opened):
 
 
 def kind_of(schema):
-    """The type of a schema's values that are not null."""
     kinds = schema.get("type")
     return kinds[0] if isinstance(kinds, list) else kinds
 

@@ -45,7 +45,6 @@ def named(key):
 
 
 def numbers(store):
-    """How many of everything there are."""
     lists = (store.scans, store.calibrations, store.reconstructions, store.drifts, store.plans, store.inspections)
     lists += (store.scanners, store.phantoms, store.schedules, store.jobs)
     return [len(each.page(limit=200).items) for each in lists]
@@ -239,7 +238,6 @@ def test_repeats_that_last_keep_nobody_else_waiting(seeded, settings, store, mon
     held, take = threading.Event(), SentContent.take
 
     def take_later(body, part):
-        """Take long over all but the plain file."""
         assert part == CONTENT or held.wait(120)
         yield from take(body, part)
 

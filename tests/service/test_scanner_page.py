@@ -151,7 +151,6 @@ def test_two_years_of_daily_measurements_are_a_small_page(seeded, store):
 
 
 def chart_of_example(store, finding):
-    """A chart of three looks in the last hours."""
     found = finding.model_dump(mode="json")
     with store.database.write() as session:
         active = session.scalars(select(ActivationRow).where(ActivationRow.scanner_id == "example")).all()[-1]

@@ -17,7 +17,6 @@ HTML = {"Accept": "text/html"}
 
 
 def words(answer) -> str:
-    """What a page shows, without its markup."""
     text = re.sub(r"<[^>]+>", " ", answer.text.partition("<main")[2])
     return " ".join(text.replace("\N{MULTIPLICATION SIGN}", "x").split())
 
@@ -27,7 +26,6 @@ def titles(answer) -> list[str]:
 
 
 def badges(answer) -> list[tuple[str, str]]:
-    """The colour and the word of each item's state."""
     return re.findall(r'<span class="badge (\w+)">([^<]+)</span>', answer.text.partition('<div id="list"')[2])
 
 

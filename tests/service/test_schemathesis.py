@@ -113,7 +113,6 @@ def configuration(*, long):
 
 
 def failures(recorder):
-    """One line each."""
     for case_id, checks in recorder.checks.items():
         sent = recorder.interactions[case_id]
         if re.search(r"/None(/|$)", sent.request.uri):

@@ -187,7 +187,6 @@ def test_a_command_that_is_a_link_stays_one(tmp_path):
 
 @pytest.fixture
 def manager(tmp_path: Path) -> Iterator[socket.socket]:
-    """A socket like systemd's, on which states arrive."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listening:
         listening.bind(str(tmp_path / "notify"))
         listening.settimeout(60)

@@ -27,7 +27,6 @@ DECK = 10_000
 
 
 def asked(store) -> str:
-    """A plan's job."""
     return store.plans.accept(PlanRequest(scanner_id="example"), given={"phantom_id": "l-shape"}).job_id
 
 
@@ -97,7 +96,6 @@ def test_the_pages_ask_little_and_are_small_beside_ten_thousand_jobs(client, sto
 
 
 def fill(store) -> None:
-    """Half of them wait, half have succeeded."""
     now = store.database.now()
     states = (JobState.QUEUED, JobState.SUCCEEDED)
     shared = {"created_at": now, "started_at": now, "kind": kinds.CALIBRATE, "subject_id": "example"}

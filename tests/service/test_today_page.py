@@ -22,45 +22,26 @@ from sawmill_vocabulary import DataKind
 FAILURE = Failure(kind=FailureKind.INPUT, code="phantom-not-seen", detail="no phantom in rows <0:4>")
 
 
-@pytest.fixture
-def newest(seeded, worker):
-    """Adds a newer calibration with this outcome and returns its id."""
-
-    def add(**changes):
-        identifier = seeded.post("/v1/calibrations", json={"scan_id": "example"}).json()["id"]
-        worker.finish_calibration(**changes)
-        return identifier
-
-    return add
+def newest(seeded, worker, **changes):
+    identifier = seeded.post("/v1/calibrations", json={"scan_id": "example"}).json()["id"]
+    worker.finish_calibration(**changes)
+    return identifier
 
 
-@pytest.fixture
-def checked(seeded, worker):
-    """Adds a newer drift check with this outcome, or none, and returns its id."""
-
-    def add(**changes):
-        identifier = seeded.post("/v1/drifts", json={"scan_id": "example"}).json()["id"]
-        worker.finish_drift(**changes)
-        return identifier
-
-    return add
+def checked(seeded, worker, **changes):
+    identifier = seeded.post("/v1/drifts", json={"scan_id": "example"}).json()["id"]
+    worker.finish_drift(**changes)
+    return identifier
 
 
-@pytest.fixture
-def scanned(store, worker):
-    """Adds a scan to the spare scanner and asks for its calibration."""
-
-    def add(**ask):
-        spec = ScanSpec(scanner_id="example-spare", data=DataKind.COUNTS, phantom_id="l-shape")
-        store.scans.accept(spec, store.files.receive([b"x"], max_bytes=10), scan_id="spare")
-        worker.finish_scan()
-        store.calibrations.accept(CalibrationRequest(scan_id="spare", **ask))
-
-    return add
+def scanned(store, worker, **ask):
+    spec = ScanSpec(scanner_id="example-spare", data=DataKind.COUNTS, phantom_id="l-shape")
+    store.scans.accept(spec, store.files.receive([b"x"], max_bytes=10), scan_id="spare")
+    worker.finish_scan()
+    store.calibrations.accept(CalibrationRequest(scan_id="spare", **ask))
 
 
 def rows(client) -> dict[str, str]:
-    """The page's scanners in their order, by id."""
     found = re.findall(
         r'<li class="scanner card (\w+)" id="scanner-([\w-]+)">(.*?)</li>', client.get("/").text, re.DOTALL
     )
@@ -68,7 +49,6 @@ def rows(client) -> dict[str, str]:
 
 
 def word(row: str) -> tuple[str, str]:
-    """The row's colour and its badge."""
     tone, badge_tone, badge = re.search(r'^(\w+) .*?<span class="badge (\w+)">(.*?)</span>', row, re.DOTALL).groups()
     assert tone == badge_tone
     return tone, badge
@@ -82,20 +62,20 @@ def headline(client) -> str:
     return re.search(r'<h1 id="headline"[^>]*>(.*?)</h1>', client.get("/").text)[1]
 
 
-def test_what_comes_next_is_what_the_sentence_says(seeded, newest, store):
-    nearly = newest(comparison=comparison(0.43))
+def test_what_comes_next_is_what_the_sentence_says(seeded, worker, store):
+    nearly = newest(seeded, worker, comparison=comparison(0.43))
     row = rows(seeded)["example"]
     assert "Accept its newest calibration." in row
     assert button(row) == (f"/calibrate?calibration={nearly}", "Review")
     store.calibrations.activate(nearly, "by hand")
-    newest(verdict="fail", reasons=["the residual is too large", "h_S is not resolved"])
+    newest(seeded, worker, verdict="fail", reasons=["the residual is too large", "h_S is not resolved"])
     row = rows(seeded)["example"]
     assert '<p lang="en">the residual is too large</p>' in row
     assert button(row) == ("/calibrate?scanner=example", "Scan again")
 
 
-def test_failed_is_neither_new_nor_never_calibrated(seeded, store, worker, scanned):
-    scanned()
+def test_failed_is_neither_new_nor_never_calibrated(seeded, store, worker):
+    scanned(store, worker)
     spare = rows(seeded)["example-spare"]
     assert word(spare) == ("idle", "Never calibrated")
     assert "Being calibrated now." in spare
@@ -107,7 +87,7 @@ def test_failed_is_neither_new_nor_never_calibrated(seeded, store, worker, scann
     assert "Being calibrated" not in shown["example-spare"]
 
 
-def test_a_discard_puts_away_one_result_and_says_so(seeded, newest, checked):
+def test_a_discard_puts_away_one_result_and_says_so(seeded, worker):
     def step(of="scanners/example"):
         return seeded.get(f"/v1/{of}/next-step").json()
 
@@ -115,15 +95,15 @@ def test_a_discard_puts_away_one_result_and_says_so(seeded, newest, checked):
         seeded.post(f"/v1/calibrations/{identifier}/discard", json={"reason": "the scan was disturbed"})
 
     untouched = step()
-    first = newest(comparison=comparison(1.31))
+    first = newest(seeded, worker, comparison=comparison(1.31))
     with_first = step()
-    second = newest(comparison=comparison(1.02))
+    second = newest(seeded, worker, comparison=comparison(1.02))
     with_second = step()
-    discard(newest(verdict="fail", reasons=["the residual is too large"]))
+    discard(newest(seeded, worker, verdict="fail", reasons=["the residual is too large"]))
     assert step() == with_second
     discard(second)
     assert (step(), with_first["tone"]) == (with_first, "bad")
-    good = newest(comparison=comparison())
+    good = newest(seeded, worker, comparison=comparison())
     page = f"/calibrate?calibration={good}"
     assert (step()["tone"], step()["button"]) == ("bad", "accept")
     assert 'primary large">Accept<' in seeded.get(page).text
@@ -137,19 +117,19 @@ def test_a_discard_puts_away_one_result_and_says_so(seeded, newest, checked):
     assert step() == untouched
     for path in ("/", "/scanners/example"):
         assert "A calibration was discarded <time" in seeded.get(path).text
-    checked(ray_change_mm=0.8, within_tolerance=False, reason="the COR moved")
+    checked(seeded, worker, ray_change_mm=0.8, within_tolerance=False, reason="the COR moved")
     drifted = step()
-    discard(newest(comparison=comparison()))
+    discard(newest(seeded, worker, comparison=comparison()))
     assert step() == drifted
 
 
-def test_the_headline_counts_who_needs_somebody(seeded, store, checked):
+def test_the_headline_counts_who_needs_somebody(seeded, store, worker):
     assert headline(seeded) == "1 fine, 1 needs you"
     assert "<title>(1) Today · Sawmill calibration</title>" in seeded.get("/").text
-    checked(ray_change_mm=0.8, within_tolerance=False, reason="the COR moved")
+    checked(seeded, worker, ray_change_mm=0.8, within_tolerance=False, reason="the COR moved")
     assert headline(seeded) == "0 fine, 2 need you, 1 of them red"
     store.scanners.delete("example-spare")
-    checked()
+    checked(seeded, worker)
     assert headline(seeded) == "The scanner is fine"
     assert "<title>Today · Sawmill calibration</title>" in seeded.get("/").text
 
@@ -206,8 +186,8 @@ def examples(seeded, store):
     return seeded
 
 
-def test_examples_are_marked_and_counted_nowhere(examples, store, checked):
-    checked(ray_change_mm=0.8, within_tolerance=False, reason="the COR moved")
+def test_examples_are_marked_and_counted_nowhere(examples, store, seeded, worker):
+    checked(seeded, worker, ray_change_mm=0.8, within_tolerance=False, reason="the COR moved")
     assert headline(examples) == "There is no scanner yet"
     assert all('<span class="ribbon">Example</span>' in row for row in rows(examples).values())
     spec = store.scanners.get("example")
@@ -229,9 +209,11 @@ def test_one_button_removes_the_examples_and_all_that_was_made_of_them(examples,
     assert [each.action for each in store.audit.page(limit=2).items] == ["phantom-deleted", "scanner-deleted"]
 
 
-def test_movement_is_a_bar_to_its_tolerance(seeded, checked):
+def test_movement_is_a_bar_to_its_tolerance(seeded, worker):
     for moved_mm, tone, share in ((0.05, "good", "0.100"), (0.43, "watch", "0.860"), (0.8, "bad", "1.600")):
-        checked(ray_change_mm=moved_mm, within_tolerance=moved_mm < 0.5, reason="the COR moved <0.81 mm>")
+        checked(
+            seeded, worker, ray_change_mm=moved_mm, within_tolerance=moved_mm < 0.5, reason="the COR moved <0.81 mm>"
+        )
         row = rows(seeded)["example"]
         assert (word(row)[0], absent(row, f'<div class="moved {tone}">', f"--share: {share}")) == (tone, [])
         assert f"<strong>{moved_mm:.2f}\N{NO-BREAK SPACE}mm</strong> of 0.50\N{NO-BREAK SPACE}mm" in row
@@ -244,8 +226,8 @@ def test_movement_is_a_bar_to_its_tolerance(seeded, checked):
 
 
 @pytest.mark.parametrize("fails", [True, False])
-def test_what_a_check_saw_holds_until_another_one_sees(seeded, store, worker, checked, fails):
-    checked(ray_change_mm=0.62, within_tolerance=False, reason="the COR moved")
+def test_what_a_check_saw_holds_until_another_one_sees(seeded, store, worker, fails):
+    checked(seeded, worker, ray_change_mm=0.62, within_tolerance=False, reason="the COR moved")
     store.drifts.accept(DriftRequest(scan_id="example"))
     if fails:
         store.jobs.fail(worker.claim(), Failure(kind=FailureKind.INPUT, code="no-log", detail="no log in the scan"))
@@ -257,14 +239,14 @@ def test_what_a_check_saw_holds_until_another_one_sees(seeded, store, worker, ch
     words, why = ("failed.", "no log in the scan") if fails else ("could not tell whether it has moved.", "too round")
     assert re.search(rf"A drift check <time [^>]*>[^<]*</time> {words}", row)
     assert re.search(rf'lang="en"[^>]*>{why}<', seeded.get("/scanners/example").text)
-    checked()
+    checked(seeded, worker)
     assert word(rows(seeded)["example"]) == ("good", "Fine")
     assert "A drift check" not in rows(seeded)["example"]
 
 
-def test_a_log_that_could_not_be_seen_says_nothing_of_movement(seeded, newest, store, checked):
-    store.calibrations.activate(newest(), "by hand")
-    checked(within_tolerance=None, reason="too round")
+def test_a_log_that_could_not_be_seen_says_nothing_of_movement(seeded, worker, store):
+    store.calibrations.activate(newest(seeded, worker), "by hand")
+    checked(seeded, worker, within_tolerance=None, reason="too round")
     row = rows(seeded)["example"]
     assert word(row) == ("good", "Fine")
     assert "Not checked since its calibration." in row
@@ -319,9 +301,9 @@ def test_an_acknowledged_alarm_is_shown_and_colours_nothing_until_its_time(seede
     assert "Acknowledged" in seeded.get("/scanners/example/history?kind=alarm").text
 
 
-def test_a_known_red_stays_red_and_asks_for_nothing_until_its_time_or_a_newer_red(seeded, store, checked):
+def test_a_known_red_stays_red_and_asks_for_nothing_until_its_time_or_a_newer_red(seeded, store, worker):
     assert seeded.post("/operator/acknowledge/example").json()["code"] == "scanner-not-red"
-    checked(ray_change_mm=0.8, within_tolerance=False, reason="the COR moved")
+    checked(seeded, worker, ray_change_mm=0.8, within_tolerance=False, reason="the COR moved")
     asked = {"until": "2026-01-01T00:00", "zone": "Europe/Helsinki", "reason": "Laakeri vaihdetaan"}
     assert seeded.post("/operator/acknowledge/example", data=asked).json()["code"] == "acknowledgement-ended"
     assert seeded.post("/operator/acknowledge/example", data=asked | {"until": "2099-01-01T00:00"}).status_code == 422
@@ -337,13 +319,13 @@ def test_a_known_red_stays_red_and_asks_for_nothing_until_its_time_or_a_newer_re
     assert "Acknowledge the red" not in seeded.get("/scanners/example").text
     assert 'sawmill_scanner_red_known{scanner="example"} 1.0' in seeded.get("/metrics").text
     assert "Laakeri vaihdetaan" in seeded.get("/scanners/example/history?kind=alarm").text
-    checked(ray_change_mm=0.9, within_tolerance=False, reason="the COR moved on")
+    checked(seeded, worker, ray_change_mm=0.9, within_tolerance=False, reason="the COR moved on")
     assert seeded.get("/v1/scanners/example/next-step").json()["known"] is None
     assert headline(seeded) == "0 fine, 2 need you, 1 of them red"
     known = seeded.post("/v1/scanners/example/red/acknowledge", json={"reason": "ordered"}).json()
     assert len(known["results"]) == 1
     assert headline(seeded) == "0 fine, 1 needs you, 1 red and known"
-    checked(ray_change_mm=1.0, within_tolerance=False, reason="the COR moved again")
+    checked(seeded, worker, ray_change_mm=1.0, within_tolerance=False, reason="the COR moved again")
     assert "Acknowledge the red" in seeded.get("/scanners/example").text
 
 

@@ -353,11 +353,6 @@ def test_a_busy_upload_and_a_locked_database_are_answered_before_a_part_is_read(
     check_documented(busy)
     with write_lock(store.files.folder / "sawmill.db"):
         assert send_part(seeded, path, 0, CONTENT).status_code == 503
-
-        async def untouchable():
-            raise AssertionError("a byte of the body was asked for")
-            yield b""
-
         assert send_part(seeded, path, 0, untouchable()).status_code == 503
 
 
@@ -366,8 +361,6 @@ def test_the_sum_of_a_large_file_keeps_no_other_part_waiting(seeded, store):
     summing, go_on = threading.Semaphore(0), threading.Event()
 
     class SlowSum:
-        """A part whose file takes long to sum up."""
-
         def __init__(self, part):
             self.part = part
 

@@ -40,8 +40,6 @@ LIMIT_S = 0.3
 
 
 class GivenClock:
-    """Moves when it is moved."""
-
     def __init__(self) -> None:
         self.now = datetime.now(UTC)
 
@@ -83,8 +81,6 @@ def happen(store, number: int = 1) -> None:
 
 
 def send(store, sending: WebhookSending | None = None) -> None:
-    """Look for what is due, and wait until that is done."""
-
     async def look() -> None:
         couriers = Couriers(store.outbox(), sending or WebhookSending(LOOPBACK, limit_s=60.0), lambda: 1.0)
         await couriers.send_due()

@@ -147,7 +147,6 @@ def test_the_doctor_names_a_webhook_that_fails_its_reason_and_the_cure(store):
 
 
 def undo(store) -> None:
-    """An event that is written and not committed."""
     with suppress(ZeroDivisionError), store.database.write() as session:
         announce(session, store.database.now(), mill_events.ALARM_OPENED, "scanner", "undone")
         session.flush()

@@ -23,8 +23,6 @@ from sawmill_vocabulary import DataKind
 
 
 class TestClock:
-    """A clock that moves only when it is advanced."""
-
     __test__ = False
 
     def __init__(self):
@@ -59,7 +57,6 @@ def pytest_collection_modifyitems(items):
 
 @pytest.fixture(params=["sqlite", "postgresql"])
 def database_url(request):
-    """Each database in turn."""
     if request.param == "sqlite":
         yield None
         return
@@ -69,7 +66,6 @@ def database_url(request):
 
 @pytest.fixture
 def empty_url(request, database_url, tmp_path):
-    """A database of the same sort without tables."""
     return f"sqlite:///{tmp_path}/empty.db" if database_url is None else request.getfixturevalue("postgres_url")
 
 
@@ -101,8 +97,6 @@ def scanner(store):
 
 @pytest.fixture
 def upload(scanner):
-    """Accept a scan of four bytes."""
-
     def accept(store, *, phantom_id="l-shape", scan_id=None, received=None):
         spec = ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS, phantom_id=phantom_id)
         received = received or store.files.receive([b"scan"], max_bytes=10)
@@ -128,8 +122,6 @@ def finish():
 
 @pytest.fixture
 def refuse(store):
-    """Do the oldest job and find that its file cannot be used."""
-
     def fail(detail="no phantom is seen"):
         failure = Failure(kind=FailureKind.INPUT, code="phantom-not-seen", detail=detail)
         return store.jobs.fail(store.jobs.claim("test"), failure)

@@ -20,40 +20,28 @@ pytestmark = pytest.mark.clocked
 START = datetime(2026, 3, 2, 5, 0, tzinfo=UTC)
 
 
-@pytest.fixture
-def limited(store, scanner):
-    """Set the scanner's limits."""
-
-    def limit(**limits):
-        known = store.scanners.get(scanner.id)
-        return store.scanners.update(scanner.id, known.model_copy(update={"alarms": AlarmLimits(**limits)}))
-
-    return limit
+def limited(store, scanner, **limits):
+    known = store.scanners.get(scanner.id)
+    return store.scanners.update(scanner.id, known.model_copy(update={"alarms": AlarmLimits(**limits)}))
 
 
-@pytest.fixture
-def phantom(store):
+def phantom(store, expires_on):
     """Create a phantom whose measurement is good until a day."""
-
-    def create(expires_on):
-        measured = [
-            SizeMeasurement(dimension=axis, measured_mm=100, standard_uncertainty_mm=0.1, expires_on=expires_on)
-            for axis in "xy"
-        ]
-        drawing = PhantomDrawing(name="disc", shapes=[Disc(center_mm=(0, 0), radius_mm=50)], measurements=measured)
-        return store.phantoms.create(drawing).id
-
-    return create
+    measured = [
+        SizeMeasurement(dimension=axis, measured_mm=100, standard_uncertainty_mm=0.1, expires_on=expires_on)
+        for axis in "xy"
+    ]
+    drawing = PhantomDrawing(name="disc", shapes=[Disc(center_mm=(0, 0), radius_mm=50)], measurements=measured)
+    return store.phantoms.create(drawing).id
 
 
 def events_of(store):
-    """The events of alarms, the oldest first."""
     events = [event for event in store.events.following(0) if event.type.startswith("alarm")]
     return [(event.type.removeprefix("alarm-"), event.detail["kind"]) for event in events]
 
 
-def test_a_scanner_that_falls_silent_opens_one_alarm_until_it_sends_again(store, scanner, limited, upload, clock):
-    limited(quiet_after_hours=24)
+def test_a_scanner_that_falls_silent_opens_one_alarm_until_it_sends_again(store, scanner, upload, clock):
+    limited(store, scanner, quiet_after_hours=24)
     upload(store, phantom_id=None)
     clock.advance(hours=23)
     assert store.alarms.check() == []
@@ -71,9 +59,9 @@ def test_a_scanner_that_falls_silent_opens_one_alarm_until_it_sends_again(store,
 
 
 def test_a_phantom_whose_measurement_expired_is_named_until_another_one_is_scanned(
-    store, phantom, upload, finish, refuse, clock
+    store, upload, finish, refuse, clock
 ):
-    old, new = phantom(date(2026, 3, 3)), phantom(date(2028, 3, 3))
+    old, new = phantom(store, date(2026, 3, 3)), phantom(store, date(2028, 3, 3))
     upload(store, phantom_id=old)
     finish(store)
     clock.advance(hours=42)  # 3 March, the last day
@@ -93,9 +81,9 @@ def test_a_phantom_whose_measurement_expired_is_named_until_another_one_is_scann
 
 @pytest.mark.slow
 @pytest.mark.dialect
-def test_several_schedulers_open_and_close_each_alarm_once_over_a_quarter(store, scanner, limited, upload, clock):
+def test_several_schedulers_open_and_close_each_alarm_once_over_a_quarter(store, scanner, upload, clock):
     """A log every Monday, silence from Tuesday on; two services are started anew each month."""
-    limited(quiet_after_hours=24, phantom_scan_every_days=30)
+    limited(store, scanner, quiet_after_hours=24, phantom_scan_every_days=30)
     with ThreadPoolExecutor(3) as pool:
         for _ in range(3):
             others = [Store(store.settings, clock=clock) for _ in range(2)]
@@ -114,8 +102,8 @@ def test_several_schedulers_open_and_close_each_alarm_once_over_a_quarter(store,
 
 
 @pytest.mark.dialect
-def test_alarms_go_with_their_scanner(store, scanner, limited, clock):
-    limited(quiet_after_hours=1)
+def test_alarms_go_with_their_scanner(store, scanner, clock):
+    limited(store, scanner, quiet_after_hours=1)
     clock.advance(hours=2)
     store.alarms.check()
     store.scanners.delete(scanner.id)
@@ -124,9 +112,9 @@ def test_alarms_go_with_their_scanner(store, scanner, limited, clock):
 
 
 def test_a_phantom_scan_that_is_refused_ends_no_alarm_and_delays_a_new_one(
-    store, limited, upload, finish, refuse, clock
+    store, scanner, upload, finish, refuse, clock
 ):
-    limited(phantom_scan_every_days=1)
+    limited(store, scanner, phantom_scan_every_days=1)
     clock.advance(hours=23)
     upload(store)
     clock.advance(hours=2)
@@ -144,11 +132,11 @@ def test_a_phantom_scan_that_is_refused_ends_no_alarm_and_delays_a_new_one(
 
 
 def test_a_scanner_that_cannot_be_read_is_logged_and_keeps_its_alarms_while_others_get_theirs(
-    store, scanner, limited, phantom, upload, finish, clock
+    store, scanner, upload, finish, clock
 ):
-    limited(quiet_after_hours=1)
+    limited(store, scanner, quiet_after_hours=1)
     other = store.scanners.create(store.scanners.get(scanner.id), scanner_id="other").id
-    measured = phantom(date(2028, 3, 3))
+    measured = phantom(store, date(2028, 3, 3))
     upload(store, phantom_id=measured)
     finish(store)
     clock.advance(hours=2)
@@ -168,8 +156,8 @@ def test_a_scanner_that_cannot_be_read_is_logged_and_keeps_its_alarms_while_othe
     assert [alarm.scanner_id for alarm in store.alarms.open()] == [other]
 
 
-def test_deleting_scans_opens_no_alarm_and_ends_none(store, limited, upload, finish, clock):
-    limited(phantom_scan_every_days=10, quiet_after_hours=100)
+def test_deleting_scans_opens_no_alarm_and_ends_none(store, scanner, upload, finish, clock):
+    limited(store, scanner, phantom_scan_every_days=10, quiet_after_hours=100)
     clock.advance(days=9)
     calibrated = upload(store).id
     finish(store)
@@ -186,9 +174,9 @@ def test_deleting_scans_opens_no_alarm_and_ends_none(store, limited, upload, fin
     assert store.alarms.check() == []
 
 
-def test_a_round_takes_no_longer_for_each_of_many_scanners_than_for_one(store, limited, scanner, clock):
+def test_a_round_takes_no_longer_for_each_of_many_scanners_than_for_one(store, scanner, clock):
     """Alarms are looked up, not compared with each other."""
-    limited(quiet_after_hours=1)
+    limited(store, scanner, quiet_after_hours=1)
     for _ in range(20):
         store.scanners.create(store.scanners.get(scanner.id))
     clock.advance(hours=2)

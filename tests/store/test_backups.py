@@ -69,22 +69,15 @@ def into(tmp_path):
 
 @pytest.fixture
 def elsewhere(request, tmp_path):
-    """An empty service on a database of the test's kind."""
     kind = request.node.callspec.params.get("database_url") if hasattr(request.node, "callspec") else None
     url = request.getfixturevalue("postgres_url") if kind == "postgresql" else None
     return StorageSettings(data_folder=tmp_path / "elsewhere", database_url=url)
 
 
-@pytest.fixture
 def work(store, upload, finish):
-    """Upload a scan and read it as a worker would: its id."""
-
-    def do():
-        scan = upload(store)
-        finish(store)
-        return scan.id
-
-    return do
+    scan = upload(store)
+    finish(store)
+    return scan.id
 
 
 def rows_of(settings):
@@ -96,7 +89,6 @@ def rows_of(settings):
 
 
 def files_of(settings):
-    """What results and uploads are, with their times."""
     return {
         path.relative_to(settings.data_folder).as_posix(): (path.stat().st_mtime_ns, copied(path))
         for name in ("uploads", "scans", "calibrations", "unfinished", "examples")
@@ -164,8 +156,8 @@ def test_what_is_restored_elsewhere_is_all_there_and_goes_on(
 
 
 @sqlite_alone
-def test_an_unchanged_file_is_linked_and_not_read(store, settings, work, into):
-    twin = store.files.results(kinds.INGEST, work()) / "twin"
+def test_an_unchanged_file_is_linked_and_not_read(store, settings, upload, finish, into):
+    twin = store.files.results(kinds.INGEST, work(store, upload, finish)) / "twin"
     twin.hardlink_to(twin.with_name("result"))
     first = take_backup(settings, into, silent)
     sizes = [(first.path / path).stat().st_size for path in read_sums(first.path) if path.startswith("data/")]
@@ -174,7 +166,7 @@ def test_an_unchanged_file_is_linked_and_not_read(store, settings, work, into):
     with at_call("open", opened.append, below=settings.data_folder / "scans"):
         assert take_backup(settings, into, silent).copied_bytes == 0
     assert opened == []
-    second_scan = work()
+    second_scan = work(store, upload, finish)
     second = take_backup(settings, into, silent)
     new = {path: (second.path / path).stat().st_size for path in read_sums(second.path) if second_scan in path}
     assert len(new) == 2
@@ -184,7 +176,6 @@ def test_an_unchanged_file_is_linked_and_not_read(store, settings, work, into):
     assert len(set(both)) == 2, "an upload and a result, whatever their names"
     done = subprocess.run(["sha256sum", "--check", "--quiet", SUMS], cwd=second.path, check=False)
     assert done.returncode == 0, "the list can be checked without this product"
-
     of_a_wrong_clock = first.path.rename(into / "sawmill-20380119T031407Z")
     assert len(remove_older(into, 2, second.path)) == 1
     assert remove_older(into, 1, second.path) == [of_a_wrong_clock], "not the one that was just taken"
@@ -193,7 +184,7 @@ def test_an_unchanged_file_is_linked_and_not_read(store, settings, work, into):
 
 
 @sqlite_alone
-def test_a_backup_is_durable_before_it_has_its_name(settings, work, into, monkeypatch):
+def test_a_backup_is_durable_before_it_has_its_name(settings, store, upload, finish, into, monkeypatch):
     lists = []
 
     def lose(_descriptor):
@@ -201,7 +192,7 @@ def test_a_backup_is_durable_before_it_has_its_name(settings, work, into, monkey
         ctypes.set_errno(errno.EIO)
         return -1
 
-    work()
+    work(store, upload, finish)
     monkeypatch.setattr(whole_files, "_LIBC", SimpleNamespace(syncfs=lose))
     with pytest.raises(OSError, match="Input/output error"):
         take_backup(settings, into, silent)
@@ -210,15 +201,15 @@ def test_a_backup_is_durable_before_it_has_its_name(settings, work, into, monkey
 
 
 @pytest.mark.dialect
-def test_what_is_deleted_meanwhile_is_in_neither_rows_nor_files(store, settings, work, into, elsewhere):
-    scans = sorted(work() for _ in range(3))
+def test_what_is_deleted_meanwhile_is_in_neither_rows_nor_files(store, settings, upload, finish, into, elsewhere):
+    scans = sorted(work(store, upload, finish) for _ in range(3))
     steps = []
 
     def on_progress(_progress):
         steps.append(1)
         if len(steps) == 1:
             store.scans.delete(scans[2])
-            steps.append(work())
+            steps.append(work(store, upload, finish))
 
     taken = take_backup(settings, into, on_progress)
     assert taken.manifest.lacking == []
@@ -229,8 +220,10 @@ def test_what_is_deleted_meanwhile_is_in_neither_rows_nor_files(store, settings,
 
 
 @sqlite_alone
-def test_a_file_that_is_really_missing_is_named_and_keeps_nothing_else_out(store, settings, work, into, elsewhere):
-    lost, kept = work(), work()
+def test_a_file_that_is_really_missing_is_named_and_keeps_nothing_else_out(
+    store, settings, upload, finish, into, elsewhere
+):
+    lost, kept = work(store, upload, finish), work(store, upload, finish)
     shutil.rmtree(store.files.results(kinds.INGEST, lost))
     taken = take_backup(settings, into, silent)
     assert taken.manifest.lacking == [f"scans/{lost}"]
@@ -382,15 +375,14 @@ def test_what_must_not_be_done_is_refused_in_a_sentence(filled, settings, backup
 
 
 def full_at(name):
-    """Refuse to open a file of this name, as a full disk does."""
     refuse = refusing(errno.ENOSPC)
     return lambda path: refuse(path) if path.endswith(name) else None
 
 
 @sqlite_alone
 @pytest.mark.parametrize(("call", "name"), [("open", "result"), ("sqlite3.connect", "sawmill.db"), ("open", SUMS)])
-def test_a_full_disk_leaves_no_backup(settings, work, into, call, name):
-    work()
+def test_a_full_disk_leaves_no_backup(settings, store, upload, finish, into, call, name):
+    work(store, upload, finish)
     with at_call(call, full_at(name), below=into), pytest.raises(OSError, match="No space"):
         take_backup(settings, into, silent)
     assert [path.name for path in into.iterdir()] == [".sawmill-backups.lock"]
@@ -404,7 +396,6 @@ def test_a_full_disk_leaves_no_restored_service(backup, elsewhere, name):
 
 
 def killed(call):
-    """Do it in a fork, which may kill itself; whether it has."""
     child = os.fork()
     if child == 0:
         try:
@@ -417,7 +408,6 @@ def killed(call):
 
 
 def at_turn(turn):
-    """Kill this process at the call of that number."""
     turns = [0]
 
     def die(_given):
@@ -430,8 +420,8 @@ def at_turn(turn):
 
 @sqlite_alone
 @pytest.mark.parametrize("call", ["open", "os.mkdir", "os.rename", "os.link", "os.remove", "sqlite3.connect"])
-def test_a_backup_killed_at_any_call_leaves_nothing_that_looks_like_one(settings, work, into, call):
-    work()
+def test_a_backup_killed_at_any_call_leaves_nothing_that_looks_like_one(settings, store, upload, finish, into, call):
+    work(store, upload, finish)
     there = take_backup(settings, into, silent).path
     shutil.rmtree(there / "data" / "uploads")
     turn = 1
@@ -448,9 +438,9 @@ def test_a_backup_killed_at_any_call_leaves_nothing_that_looks_like_one(settings
 @pytest.mark.parametrize("database_url", ["sqlite", "postgresql"], indirect=True)
 @pytest.mark.parametrize("call", ["open", "os.rename", "os.remove"])
 def test_a_restore_killed_at_any_call_leaves_nothing_that_starts_before_it_is_whole(
-    settings, work, into, elsewhere, call
+    settings, store, upload, finish, into, elsewhere, call
 ):
-    work()
+    work(store, upload, finish)
     taken = take_backup(settings, into, silent).path
     turn, mark = 1, elsewhere.data_folder / RESTORING
     while mark.exists() or read_identity(elsewhere.data_folder) is None:

@@ -15,7 +15,6 @@ from emptied_databases import sqlite_alone
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.database.tables import ClockRow
 from sawmill_platform.due_times import latest_due, next_due
-from sawmill_platform.errors import Invalid
 from sawmill_platform.workers.sole_service import LASTING_S, ClockKeeper
 from sawmill_store.store import Store
 
@@ -182,9 +181,3 @@ def test_every_hour_stays_at_its_minute_where_clocks_move_by_half_an_hour():
         due = list(following("30 * * * *", "Australia/Lord_Howe", *days_around(day)))
         assert {moment.astimezone(ZoneInfo("Australia/Lord_Howe")).minute for moment in due} == {30}
         assert max(after - one for one, after in pairwise(due)) <= timedelta(minutes=90)
-
-
-@pytest.mark.parametrize("zone", ["Helsinki", "europe/helsinki", "localtime", "Factory", "", "/etc/passwd", "a\x00b"])
-def test_a_zone_that_is_no_name_of_the_tz_database_is_refused(zone):
-    with pytest.raises(Invalid, match="time_zone must be a name of the tz database"):
-        next_due("30 3 * * *", zone, datetime.now(UTC))

@@ -29,8 +29,6 @@ COVARIANCE = np.outer(DEVIATIONS, DEVIATIONS) * [[1.0, -0.6], [-0.6, 1.0]]
 
 @pytest.fixture
 def calibrated(store, ready_scan, finish, clock):
-    """Make a new calibration the active one."""
-
     def calibrate():
         clock.advance(minutes=1)
         asked = store.calibrations.accept(CalibrationRequest(scan_id=ready_scan.id, activate=True))
@@ -80,31 +78,25 @@ def look(store, log, finish):
     return check
 
 
-@pytest.fixture
-def charted(store, scanner):
+def charted(store, scanner, changes, since=None):
     """Enter checks of many logs, five minutes apart, which wait for their chart."""
-
-    def enter_looks(changes, since=None):
-        random = np.random.default_rng(18)
-        with store.database.write() as session:
-            active = session.scalars(select(ActivationRow).order_by(ActivationRow.number.desc()).limit(1)).one()
-            start = since or active.activated_at
-            same = {"scanner_id": scanner.id, "kind": MeasurementKind.DRIFT, "against_id": active.calibration_id}
-            same |= {"method": "view-pairs", "activation_number": active.number, "awaits_chart": True}
-            same |= {"source_to_detector_mm": 1619.3, "relative_residual": 0.01, "covariance": COVARIANCE.tolist()}
-            same |= {"cor_column_standard_deviation_mm": DEVIATIONS[0], "tilt_standard_deviation_rad": DEVIATIONS[1]}
-            for number, change in enumerate(changes):
-                column, tilt = random.multivariate_normal(np.asarray(change), COVARIANCE)
-                measured = {"cor_column_mm": COLUMN + column, "cor_column_change_mm": column}
-                measured |= {"tilt_rad": TILT + tilt, "tilt_change_rad": tilt}
-                known = {"at": start + (number + 1) * timedelta(minutes=5), "subject_id": f"check-{number}"}
-                session.add(MeasurementRow(**same, **measured, **known, input_sha256=f"{number:064}"))
-
-    return enter_looks
+    random = np.random.default_rng(18)
+    with store.database.write() as session:
+        active = session.scalars(select(ActivationRow).order_by(ActivationRow.number.desc()).limit(1)).one()
+        start = since or active.activated_at
+        same = {"scanner_id": scanner.id, "kind": MeasurementKind.DRIFT, "against_id": active.calibration_id}
+        same |= {"method": "view-pairs", "activation_number": active.number, "awaits_chart": True}
+        same |= {"source_to_detector_mm": 1619.3, "relative_residual": 0.01, "covariance": COVARIANCE.tolist()}
+        same |= {"cor_column_standard_deviation_mm": DEVIATIONS[0], "tilt_standard_deviation_rad": DEVIATIONS[1]}
+        for number, change in enumerate(changes):
+            column, tilt = random.multivariate_normal(np.asarray(change), COVARIANCE)
+            measured = {"cor_column_mm": COLUMN + column, "cor_column_change_mm": column}
+            measured |= {"tilt_rad": TILT + tilt, "tilt_change_rad": tilt}
+            known = {"at": start + (number + 1) * timedelta(minutes=5), "subject_id": f"check-{number}"}
+            session.add(MeasurementRow(**same, **measured, **known, input_sha256=f"{number:064}"))
 
 
 def rows(store):
-    """Of drift checks, the oldest first."""
     checks = select(MeasurementRow).where(MeasurementRow.kind == MeasurementKind.DRIFT).order_by(MeasurementRow.number)
     with store.database.read() as session:
         return list(session.scalars(checks))
@@ -128,7 +120,6 @@ def test_a_check_counts_once_for_its_scan_and_only_after_the_active_calibration(
 
 
 def go_on(store, scanner, follow=follow):
-    """As housekeeping does, round by round."""
     while store.drift_charts.follow(scanner.id, follow):
         pass
 
@@ -138,9 +129,9 @@ def short_portions(store):
     store.drift_charts = DriftCharts(store.database, portion=20)
 
 
-def test_a_portion_that_another_process_has_put_in_meanwhile_leaves_the_chart(store, scanner, calibrated, charted):
+def test_a_portion_that_another_process_has_put_in_meanwhile_leaves_the_chart(store, scanner, calibrated):
     calibrated()
-    charted([(0.0, 0.0)] * 5)
+    charted(store, scanner, [(0.0, 0.0)] * 5)
 
     def meanwhile(*given):
         go_on(store, scanner)
@@ -154,9 +145,9 @@ def test_a_portion_that_another_process_has_put_in_meanwhile_leaves_the_chart(st
 
 @pytest.mark.dialect
 @pytest.mark.usefixtures("short_portions")
-def test_each_look_goes_into_its_chart_once_whoever_looks_and_after_a_kill(store, scanner, calibrated, charted):
+def test_each_look_goes_into_its_chart_once_whoever_looks_and_after_a_kill(store, scanner, calibrated):
     calibrated()
-    charted([(0.0, 0.0)] * 75)
+    charted(store, scanner, [(0.0, 0.0)] * 75)
     portions = []
 
     def killed_after_two(*given):
@@ -183,17 +174,15 @@ def test_each_look_goes_into_its_chart_once_whoever_looks_and_after_a_kill(store
 
 @pytest.mark.dialect
 @pytest.mark.usefixtures("short_portions")
-def test_a_chart_that_cannot_be_read_is_begun_anew_in_portions_and_nobody_waits_for_it(
-    store, scanner, calibrated, charted
-):
+def test_a_chart_that_cannot_be_read_is_begun_anew_in_portions_and_nobody_waits_for_it(store, scanner, calibrated):
     calibrated()
-    charted([(0.0, 0.0)] * 50 + [(0.12, 0.0)] * 20)
+    charted(store, scanner, [(0.0, 0.0)] * 50 + [(0.12, 0.0)] * 20)
     go_on(store, scanner)
     (known,) = store.drift_charts.of_scanner(scanner.id).charts
     pools = [row.pooled_cor_column_mm for row in rows(store)]
     with store.database.write() as session:
         session.execute(update(DriftChartRow).values(state={"layout": 1}))
-    charted([(0.12, 0.0)])
+    charted(store, scanner, [(0.12, 0.0)])
     numbers = []
 
     def writing(state, method, before, looks):
@@ -209,12 +198,12 @@ def test_a_chart_that_cannot_be_read_is_begun_anew_in_portions_and_nobody_waits_
     assert [row.pooled_cor_column_mm for row in rows(store)][:-1] == pools
 
 
-def test_a_look_that_comes_after_a_later_calibration_s_is_left_out(store, scanner, calibrated, charted, clock):
+def test_a_look_that_comes_after_a_later_calibration_s_is_left_out(store, scanner, calibrated, clock):
     calibrated()
-    charted([(0.0, 0.0)] * 2)
+    charted(store, scanner, [(0.0, 0.0)] * 2)
     since = clock.now
     calibrated()
-    charted([(0.0, 0.0)] * 3)
+    charted(store, scanner, [(0.0, 0.0)] * 3)
     go_on(store, scanner)
     with store.database.write() as session:
         late = session.scalars(select(MeasurementRow).order_by(MeasurementRow.number).limit(1).offset(2)).one()
@@ -224,9 +213,9 @@ def test_a_look_that_comes_after_a_later_calibration_s_is_left_out(store, scanne
     assert (chart.checks, chart.since >= since, store.drift_charts.waiting()) == (3, True, [])
 
 
-def test_a_jump_opens_one_alarm_which_the_next_calibration_closes(store, scanner, calibrated, charted, clock):
+def test_a_jump_opens_one_alarm_which_the_next_calibration_closes(store, scanner, calibrated, clock):
     first = calibrated()
-    charted([(0.0, 0.0)] * 80 + [(0.12, 0.0)] * 30)
+    charted(store, scanner, [(0.0, 0.0)] * 80 + [(0.12, 0.0)] * 30)
     clock.advance(days=1)
     go_on(store, scanner)
     (opened,) = store.alarms.check()
@@ -254,7 +243,7 @@ def test_a_jump_opens_one_alarm_which_the_next_calibration_closes(store, scanner
     assert store.drift_charts.of_scanner(scanner.id).charts == []
     (closed,) = store.alarms.check()
     assert (closed.type, closed.alarm.kind) == ("alarm-closed", "drift")
-    charted([(0.3, 0.0)] * 51)
+    charted(store, scanner, [(0.3, 0.0)] * 51)
     go_on(store, scanner)
     (chart,) = store.drift_charts.of_scanner(scanner.id).charts
     assert (chart.calibration_id, chart.checks, chart.alarm) == (second, 51, None)
@@ -262,11 +251,9 @@ def test_a_jump_opens_one_alarm_which_the_next_calibration_closes(store, scanner
     assert store.alarms.check() == []
 
 
-def test_a_baseline_is_handed_to_later_checks_which_say_how_old_it_is(
-    store, scanner, calibrated, charted, log, clock, finish
-):
+def test_a_baseline_is_handed_to_later_checks_which_say_how_old_it_is(store, scanner, calibrated, log, clock, finish):
     active = calibrated()
-    charted([(0.0, 0.0)] * 50)
+    charted(store, scanner, [(0.0, 0.0)] * 50)
     go_on(store, scanner)
     clock.advance(days=2)
     asked = store.drifts.accept(DriftRequest(scan_id=log()))

@@ -21,18 +21,12 @@ ANNA, BEN = Actor("anna", "0a"), Actor("ben", "0b")
 
 @pytest.fixture
 def calibrated(store, ready_scan, finish, clock):
-    """Anna asks for a calibration, an hour after the scan; Ben accepts it."""
     clock.advance(hours=1)
     with acting_as(ANNA):
         store.calibrations.accept(CalibrationRequest(scan_id=ready_scan.id), identifier="first")
     finish(store)
     with acting_as(BEN):
         store.calibrations.activate("first", "checked by hand")
-
-
-def entered(store, scanner, **which):
-    entries = store.history.page(scanner.id, **which).items
-    return [(entry.kind.value, entry.type, entry.who, entry.why) for entry in entries]
 
 
 @pytest.mark.usefixtures("calibrated")
@@ -58,7 +52,8 @@ def test_each_entry_names_who_and_why(store, scanner, ready_scan, finish, clock,
     clock.advance(hours=1)
     store.schedules.run_due()
     by_schedule, renamed = f"schedule {schedule.id}", 'name: "Line 3", was "Line 2"'
-    assert entered(store, scanner, since=since)[::-1] == [
+    entries = store.history.page(scanner.id, since=since).items[::-1]
+    assert [(entry.kind.value, entry.type, entry.who, entry.why) for entry in entries] == [
         ("drift-check", "succeeded", "anna", "the turntable moved"),
         ("calibration", "failed", "anna", "no phantom is seen"),
         ("settings", "scanner-changed", "ben", f"{renamed}; alarms.quiet_after_hours: 24.0, was null"),

@@ -234,7 +234,6 @@ def test_a_released_job_goes_back_to_its_place_and_that_is_no_loss(store, upload
 
 @pytest.fixture
 def example(store, scanner):
-    """Accept a scan in the background."""
     spec = ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS, phantom_id="l-shape")
     return lambda: store.scans.accept(spec, store.files.receive([b"scan"], max_bytes=10), priority=Priority.BACKGROUND)
 
@@ -278,7 +277,6 @@ def test_the_fate_of_each_attempt_is_kept(store, upload, finish):
 
 
 def begin(store, content=None):
-    """The next attempt at the only job, its folder, and a checkpoint in it."""
     claim = store.jobs.claim("test")
     output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
     if content is not None:

@@ -41,8 +41,6 @@ INPUT = Failure(kind=FailureKind.INPUT, code="phantom-not-seen", detail="no phan
 
 
 class Observer:
-    """Looks through a store at times of its own clock."""
-
     def __init__(self, store):
         self.now_s = 0.0
         self.leftovers = store.leftovers(grace_s=GRACE_S, now_s=lambda: self.now_s)
@@ -73,8 +71,6 @@ def made(path):
 
 @contextmanager
 def failing_commit(store, error):
-    """The next commit fails."""
-
     def fail(_):
         raise OperationalError("COMMIT", {}, error)
 

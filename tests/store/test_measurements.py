@@ -21,7 +21,6 @@ MOVED = comparison(0.75, calibration_id="first")
 
 @pytest.fixture
 def measured(store, ready_scan, finish):
-    """A first calibration, a second one that found the scanner moved, and a drift check."""
     store.calibrations.accept(CalibrationRequest(scan_id=ready_scan.id, activate=True), identifier="first")
     finish(store)
     store.calibrations.accept(CalibrationRequest(scan_id=ready_scan.id), identifier="second")

@@ -35,7 +35,6 @@ def test_each_scanner_has_what_is_newest_of_it(store, scanner, ready_scan, finis
     store.calibrations.accept(ask, identifier="second")
     refuse()
     store.calibrations.accept(ask, identifier="third")
-
     new, seen = sorted(store.overviews.read(), key=lambda each: each.scanner.name == scanner.name)
     assert (seen.ended_id, seen.succeeded_id) == ("second", "first")
     assert (seen.drift_id, seen.seen_id) == (drift.id, saw.id)

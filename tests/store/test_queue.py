@@ -32,7 +32,6 @@ pytestmark = pytest.mark.clocked
 
 
 def claimed(store, number, selection=Selection()):  # noqa: B008 - frozen
-    """The groups whose jobs are claimed next."""
     claims = [store.jobs.claim("test", selection) for _ in range(number)]
     return [claim and claim.job_id.partition("-")[0] for claim in claims]
 
@@ -111,7 +110,6 @@ def test_many_workers_serve_groups_alike_and_each_job_once(store, add_jobs):
 
 
 def waits(store):
-    """Each queued job's place and time, the next one first."""
     jobs = store.jobs.page(state=JobState.QUEUED, limit=200).items
     assert [store.jobs.get(job.id) for job in jobs] == jobs  # alone as in a list
     order = list(store.jobs.queued_job_ids())
@@ -154,7 +152,6 @@ def test_the_time_left_adds_up_what_runs_and_what_stands_before(store, add_jobs,
     add_jobs(1, kinds.RECONSTRUCT)
     add_jobs(2, kinds.PLAN, short=True)
     assert waits(later) == [(0, 100.0), (1, 200.0), (0, 4.0), (1, 8.0)]
-
     first = later.jobs.claim("test")
     clock.advance(seconds=30.0)
     assert later.jobs.get(first.job_id).seconds_left == 70.0
@@ -214,7 +211,6 @@ def settings(settings):
 
 @pytest.fixture
 def plan(store, scanner):
-    """Ask for plans, each of another number of views."""
     numbers = count(20)
 
     def plan(times=1):
@@ -297,21 +293,15 @@ REFUSED = Failure(kind=FailureKind.INPUT, code="broken-file", detail="it is dama
 SUCCEEDED, FAILED, LOST = event_kinds.SUCCEEDED, event_kinds.FAILED, event_kinds.LOST
 
 
-@pytest.fixture
-def end(store, upload, clock):
-    """Have a scan read in some seconds."""
-
-    def run(seconds, *, peak_memory_bytes=None, failure=None):
-        upload(store)
-        claim = store.jobs.claim("host-1")
-        clock.advance(seconds=seconds)
-        if failure is not None:
-            store.jobs.fail(claim, failure, peak_memory_bytes=peak_memory_bytes)
-            return
-        output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
-        store.jobs.succeed(claim, answer_of(claim.job.kind, reading()), output, peak_memory_bytes=peak_memory_bytes)
-
-    return run
+def end(store, upload, clock, seconds, *, peak_memory_bytes=None, failure=None):
+    upload(store)
+    claim = store.jobs.claim("host-1")
+    clock.advance(seconds=seconds)
+    if failure is not None:
+        store.jobs.fail(claim, failure, peak_memory_bytes=peak_memory_bytes)
+        return
+    output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
+    store.jobs.succeed(claim, answer_of(claim.job.kind, reading()), output, peak_memory_bytes=peak_memory_bytes)
 
 
 def of_ingest(what, *, duration):
@@ -319,11 +309,11 @@ def of_ingest(what, *, duration):
 
 
 @pytest.mark.dialect
-def test_ends_are_classed_by_how_long_they_took_and_what_went_wrong(store, end):
-    end(0.5, peak_memory_bytes=3_000_000_000)
-    end(0.75, peak_memory_bytes=1_000_000_000)
-    end(20.0)
-    end(1.0, failure=REFUSED, peak_memory_bytes=500)
+def test_ends_are_classed_by_how_long_they_took_and_what_went_wrong(store, upload, clock):
+    end(store, upload, clock, 0.5, peak_memory_bytes=3_000_000_000)
+    end(store, upload, clock, 0.75, peak_memory_bytes=1_000_000_000)
+    end(store, upload, clock, 20.0)
+    end(store, upload, clock, 1.0, failure=REFUSED, peak_memory_bytes=500)
     fates = store.tallies.read().fates
     assert fates[of_ingest(SUCCEEDED, duration=1)] == pytest.approx((2, 1.25, 2, 4e9, 3e9), abs=1e-3)
     assert fates[of_ingest(SUCCEEDED, duration=4)] == pytest.approx((1, 20.0, 0, 0.0, 0.0), abs=1e-3)
@@ -332,11 +322,11 @@ def test_ends_are_classed_by_how_long_they_took_and_what_went_wrong(store, end):
 
 
 @pytest.mark.dialect
-def test_what_is_counted_grows_whether_it_was_counted_before_or_not(store, end, clock):
+def test_what_is_counted_grows_whether_it_was_counted_before_or_not(store, upload, clock):
     """What has settled is read once, and what has not each time: together each attempt counts once."""
     counts = []
     for number in range(3):
-        end(1.5)
+        end(store, upload, clock, 1.5)
         counts.append(store.tallies.read().fates[of_ingest(SUCCEEDED, duration=2)].number)
         assert number or not store.tallies.counted_to, "an event of a lower number may be committed later"
         clock.advance(seconds=0.6 * SETTLED.total_seconds())
@@ -366,8 +356,8 @@ def test_a_lost_attempt_and_a_job_cancelled_in_the_queue(store, upload):
     assert (fate.type, fate.code, amount) == (LOST, "worker-lost", Amount(1, 0.0, 0, 0.0, 0.0))
 
 
-def test_workers_are_seen_for_a_while(store, end, upload, clock):
-    end(1.0)
+def test_workers_are_seen_for_a_while(store, upload, clock):
+    end(store, upload, clock, 1.0)
     upload(store)
     store.jobs.claim("host-2")
     assert store.tallies.read().workers == 2

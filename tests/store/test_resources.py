@@ -26,7 +26,6 @@ def refused(sentence):
 
 @pytest.fixture
 def traced(store):
-    """A phantom whose picture is being traced."""
     return store.phantoms.accept_picture(
         PhantomPicture(name="cross", width_mm=400.0), store.files.receive([b"png"], max_bytes=10)
     )
@@ -159,41 +158,36 @@ def test_a_side_not_measured_keeps_the_tolerance_of_its_drawing_and_the_true_axi
 GRACE_S = 3600.0
 
 
-@pytest.fixture
 def looked(store):
     """What goes at two looks, a grace apart."""
-
-    def look():
-        now_s = 0.0
-        observer = store.leftovers(grace_s=GRACE_S, now_s=lambda: now_s)
-        observer.remove_some()
-        now_s = 2.0 * GRACE_S
-        return observer.remove_some()
-
-    return look
+    now_s = 0.0
+    observer = store.leftovers(grace_s=GRACE_S, now_s=lambda: now_s)
+    observer.remove_some()
+    now_s = 2.0 * GRACE_S
+    return observer.remove_some()
 
 
 def inspect(store):
     return store.inspections.accept_file(InspectionOptions(), store.files.receive([b"scan"], max_bytes=10))
 
 
-def test_a_file_stays_until_it_has_been_inspected(store, clock, looked, finish):
+def test_a_file_stays_until_it_has_been_inspected(store, clock, finish):
     inspected = inspect(store)
     clock.advance(days=3)
-    assert looked() == []
+    assert looked(store) == []
     finish(store)
-    assert looked() == [store.files.upload(kinds.INSPECT, inspected.id).parent]
+    assert looked(store) == [store.files.upload(kinds.INSPECT, inspected.id).parent]
 
 
-def test_a_file_goes_a_day_after_it_came_and_its_answer_and_its_scan_stay(store, clock, looked, finish, scanner):
+def test_a_file_goes_a_day_after_it_came_and_its_answer_and_its_scan_stay(store, clock, finish, scanner):
     inspected = inspect(store)
     finish(store)
     assert inspected.file_kept_until == clock.now + FILE_KEPT
     spec = ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS)
     scan = store.scans.accept(spec, store.inspections.received_again(inspected.id))
     clock.advance(seconds=FILE_KEPT.total_seconds() - 1.0)
-    assert looked() == []
+    assert looked(store) == []
     clock.advance(seconds=2.0)
-    assert looked() == [store.files.upload(kinds.INSPECT, inspected.id).parent]
+    assert looked(store) == [store.files.upload(kinds.INSPECT, inspected.id).parent]
     assert store.inspections.get(inspected.id).result.verdict == "incomplete"
     assert store.files.upload(kinds.INGEST, scan.id).read_bytes() == b"scan"

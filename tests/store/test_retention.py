@@ -33,7 +33,6 @@ UNFIT = {"shape": {"views": 2, "rows": 1, "detector": 768}}
 
 @pytest.fixture
 def mill(store, clock):
-    """The store, with a clock that the test moves, as its files and rows."""
     store.database.now = clock
     return store
 
@@ -46,7 +45,6 @@ def log(store, upload, finish, **reading):
 
 
 def calibrated(store, upload, finish, **ask):
-    """A phantom scan and its calibration."""
     store.database.now.advance(seconds=1)
     scan = upload(store)
     finish(store)
@@ -239,40 +237,35 @@ def test_rules_hold_only_if_they_remove_no_more_than_was_confirmed(mill, clock, 
     assert carried_out(mill) == {}, "rules that remove nothing need no number, and hold at once"
 
 
-@pytest.fixture
-def once_chosen(mill):
+def once_chosen(mill, happen):
     """Let something happen just after the rows of scans that may go were chosen, once."""
+    waiting = [happen]
 
-    def listen(happen):
-        waiting = [happen]
+    def look(*given):
+        if waiting and "FROM scans" in given[2] and "ORDER BY scans.created_at" in given[2]:
+            waiting.pop()()
 
-        def look(*given):
-            if waiting and "FROM scans" in given[2] and "ORDER BY scans.created_at" in given[2]:
-                waiting.pop()()
-
-        event.listen(mill.database.engine, "after_cursor_execute", look)
-
-    return listen
+    event.listen(mill.database.engine, "after_cursor_execute", look)
 
 
 @sqlite_alone
-def test_rules_that_change_end_a_round_that_has_begun(mill, clock, upload, finish, once_chosen):
+def test_rules_that_change_end_a_round_that_has_begun(mill, clock, upload, finish):
     logs = {log(mill, upload, finish) for _ in range(3)}
     clock.advance(days=3)
     put(mill, RetentionRules(log_scans_days=1))
-    once_chosen(lambda: mill.retention.replace(RetentionRequest()))
+    once_chosen(mill, lambda: mill.retention.replace(RetentionRequest()))
     assert carried_out(mill) == {}
     assert ids(mill) == logs
 
 
 @sqlite_alone
-def test_what_is_activated_after_it_was_chosen_stays_with_its_scan(mill, clock, upload, finish, once_chosen):
+def test_what_is_activated_after_it_was_chosen_stays_with_its_scan(mill, clock, upload, finish):
     scan_id, chosen_one = calibrated(mill, upload, finish)
     for _ in range(2):
         calibrated(mill, upload, finish)
     clock.advance(days=3)
     put(mill, RetentionRules(calibrations_days=1, phantom_scans_days=1))
-    once_chosen(lambda: mill.calibrations.activate(chosen_one, "back to it"))
+    once_chosen(mill, lambda: mill.calibrations.activate(chosen_one, "back to it"))
     assert carried_out(mill) == {RetentionKind.PHANTOM_SCANS: 1, RetentionKind.CALIBRATIONS: 1}
     assert mill.scans.get(scan_id).state is ScanState.READY
     assert mill.calibrations.get(chosen_one).state == JobState.SUCCEEDED
@@ -300,7 +293,6 @@ def test_an_activation_and_a_removal_at_one_time_wait_for_one_another(mill, sett
     assert carried_out(mill) == {RetentionKind.CALIBRATIONS: 1}
     activating.join()
     assert mill.calibrations.get(activated).state == JobState.SUCCEEDED
-
     # The other way round: it is gone when the activation gets its turn.
     with mill.database.write() as session:
         assert session.get(JobRow, "none") is None

@@ -88,20 +88,14 @@ def test_what_happens_on_a_pass_is_the_schedule_s_to_say(store, scanner, clock, 
     assert entries == [("calibration-activated", f"schedule {schedule.id}", True)] * active
 
 
-@pytest.fixture
-def log_scan(store, scanner, finish, clock):
-    """Add a scan without a phantom."""
-
-    def add(views=360, last_deg=359.0, averaged_rows=None):
-        clock.advance(minutes=1)
-        data = DataKind.COUNTS if averaged_rows is None else DataKind.LINE_INTEGRALS
-        spec = ScanSpec(scanner_id=scanner.id, data=data, averaged_rows=averaged_rows)
-        accepted = store.scans.accept(spec, store.files.receive([b"log"], max_bytes=10))
-        rows = 16 if averaged_rows is None else 1
-        finish(store, shape={"views": views, "rows": rows, "detector": 768}, angular_range_deg=[0.0, last_deg])
-        return accepted.id
-
-    return add
+def log_scan(store, scanner, finish, clock, views=360, last_deg=359.0, averaged_rows=None):
+    clock.advance(minutes=1)
+    data = DataKind.COUNTS if averaged_rows is None else DataKind.LINE_INTEGRALS
+    spec = ScanSpec(scanner_id=scanner.id, data=data, averaged_rows=averaged_rows)
+    accepted = store.scans.accept(spec, store.files.receive([b"log"], max_bytes=10))
+    rows = 16 if averaged_rows is None else 1
+    finish(store, shape={"views": views, "rows": rows, "detector": 768}, angular_range_deg=[0.0, last_deg])
+    return accepted.id
 
 
 @pytest.fixture
@@ -118,10 +112,10 @@ def active(store, ready_scan, finish):
 
 
 @pytest.mark.usefixtures("active")
-def test_the_newest_log_that_is_fit_for_it_is_checked_for_drift_once(store, checks, log_scan, clock):
-    log_scan()
-    newest = log_scan(views=20, last_deg=171.0)
-    log_scan(views=7)
+def test_the_newest_log_that_is_fit_for_it_is_checked_for_drift_once(store, checks, scanner, finish, clock):
+    log_scan(store, scanner, finish, clock)
+    newest = log_scan(store, scanner, finish, clock, views=20, last_deg=171.0)
+    log_scan(store, scanner, finish, clock, views=7)
     clock.advance(minutes=30)
     (run,) = store.schedules.run_due()
     assert (run.outcome, run.calibration_id) == ("queued", None)
@@ -132,15 +126,15 @@ def test_the_newest_log_that_is_fit_for_it_is_checked_for_drift_once(store, chec
     # An older log shows the past, and the fit ones have been looked at.
     clock.advance(minutes=30)
     assert store.schedules.run_due()[0].outcome == "no-new-log-scan"
-    store.drifts.accept(DriftRequest(scan_id=log_scan()))
+    store.drifts.accept(DriftRequest(scan_id=log_scan(store, scanner, finish, clock)))
     clock.advance(minutes=30)
     assert store.schedules.run_due()[0].outcome == "no-new-log-scan"
 
 
 @pytest.mark.usefixtures("active", "checks")
 @pytest.mark.parametrize("end", ["failed", "cancelled"])
-def test_a_log_whose_check_came_to_nothing_does_not_stand_before_older_ones(store, log_scan, clock, end, refuse):
-    older, newer = log_scan(), log_scan()
+def test_a_log_whose_check_came_to_nothing_does_not_stand_before_older_ones(store, scanner, finish, clock, end, refuse):
+    older, newer = log_scan(store, scanner, finish, clock), log_scan(store, scanner, finish, clock)
     asked = store.drifts.accept(DriftRequest(scan_id=newer))
     if end == "cancelled":
         store.jobs.request_cancel(asked.job_id)
@@ -152,17 +146,17 @@ def test_a_log_whose_check_came_to_nothing_does_not_stand_before_older_ones(stor
 
 
 @pytest.mark.usefixtures("active", "checks")
-def test_a_log_that_is_turned_between_passages_is_not_checked_for_drift(store, scanner, log_scan, clock):
+def test_a_log_that_is_turned_between_passages_is_not_checked_for_drift(store, scanner, finish, clock):
     with store.database.write() as session:
         row = session.get(ScannerRow, scanner.id)
         row.spec = {**row.spec, "constants": {**row.spec["constants"], "object_turns": "between-passages"}}
-    log_scan()
+    log_scan(store, scanner, finish, clock)
     clock.advance(minutes=30)
     assert store.schedules.run_due()[0].outcome == "no-new-log-scan"
 
 
-def test_without_an_active_calibration_there_is_nothing_to_compare_a_log_with(store, checks, log_scan, clock):
-    log_scan()
+def test_without_an_active_calibration_there_is_nothing_to_compare_a_log_with(store, checks, scanner, finish, clock):
+    log_scan(store, scanner, finish, clock)
     clock.advance(minutes=30)
     assert store.schedules.run_due()[0].outcome == "no-active-calibration"
     ((_, reason),) = missed(store, checks)
@@ -171,7 +165,7 @@ def test_without_an_active_calibration_there_is_nothing_to_compare_a_log_with(st
 
 @pytest.mark.dialect
 @pytest.mark.usefixtures("active")
-def test_a_schedule_that_keeps_missing_is_announced_when_it_begins(store, checks, log_scan, clock):
+def test_a_schedule_that_keeps_missing_is_announced_when_it_begins(store, checks, scanner, finish, clock):
     def missed_after(due_times):
         for _ in range(due_times):
             clock.advance(minutes=30)
@@ -179,7 +173,7 @@ def test_a_schedule_that_keeps_missing_is_announced_when_it_begins(store, checks
         return len(missed(store, checks))
 
     assert (missed_after(1), missed_after(4)) == (1, 1)
-    log_scan()
+    log_scan(store, scanner, finish, clock)
     assert (missed_after(1), missed_after(4)) == (1, 2)
     # A week off is announced by itself, and what is missed after it as before.
     clock.advance(days=7)
@@ -193,22 +187,22 @@ def test_a_schedule_that_keeps_missing_is_announced_when_it_begins(store, checks
 
 
 @pytest.mark.usefixtures("active", "checks")
-def test_a_log_that_came_as_the_mean_of_rows_is_checked_whatever_rows_the_schedule_names(store, log_scan, clock):
-    sent = log_scan(views=20, averaged_rows=1000)
+def test_a_log_that_came_as_the_mean_of_rows_is_checked_whatever_rows_the_schedule_names(store, scanner, finish, clock):
+    sent = log_scan(store, scanner, finish, clock, views=20, averaged_rows=1000)
     clock.advance(minutes=30)
     check = store.drifts.get(store.schedules.run_due()[0].drift_id)
     assert (check.scan_id, check.options.rows) == (sent, None)
 
 
 @pytest.mark.usefixtures("active")
-def test_a_schedule_that_cannot_run_is_missed_once_and_stops_no_other(store, scanner, log_scan, clock):
+def test_a_schedule_that_cannot_run_is_missed_once_and_stops_no_other(store, scanner, finish, clock):
     spec = ScheduleSpec(scanner_id=scanner.id, kind="check-drift", cron="*/30 * * * *")
     # As an earlier version took it.
     outdated_spec = ScheduleSpec(scanner_id=scanner.id, cron=spec.cron, options={"views": 10**13})
     abroad, outdated, checks = (store.schedules.create(each) for each in (spec, outdated_spec, spec))
     with store.database.write() as session:
         session.get(ScheduleRow, abroad.id).time_zone = "Mars/Olympus"
-    log_scan()
+    log_scan(store, scanner, finish, clock)
     clock.advance(minutes=29)
     (run,) = store.schedules.run_due()
     assert [run] == store.schedules.runs(checks.id)

@@ -28,7 +28,6 @@ def asynchronous(app: Any, **headers: str) -> httpx.AsyncClient:
 
 
 def scope_of(path: str, method: str = "GET") -> dict[str, Any]:
-    """The scope of a request for a path with its query."""
     url = httpx.URL(ORIGIN + path)
     scope = {"type": "http", "http_version": "1.1", "asgi": {"spec_version": "2.3"}, "method": method, "root_path": ""}
     scope |= {"path": url.path, "raw_path": url.raw_path, "query_string": url.query, "scheme": url.scheme}
@@ -36,10 +35,8 @@ def scope_of(path: str, method: str = "GET") -> dict[str, Any]:
 
 
 def text_of(html: str) -> str:
-    """In one line, without its tags."""
     return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", html)).replace("\N{NO-BREAK SPACE}", " ")
 
 
 def absent(text: object, *parts: str) -> list[str]:
-    """Those parts that a text does not have."""
     return [part for part in parts if part not in text]

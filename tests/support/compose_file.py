@@ -105,7 +105,6 @@ class Place:
         return dict(line.split("=", 1) for line in (self.folder / ".env").read_text().splitlines())
 
     def moved(self, text: str) -> str:
-        """Names of hosts, ports and paths."""
         for there, here in (
             ("@postgres/", f"@127.0.0.1:{self.ports['postgres']}/"),
             ("redis://redis:6379/", f"redis://127.0.0.1:{self.ports['redis']}/"),
@@ -122,7 +121,6 @@ class Place:
         return text
 
     def command(self, name: str, words: list[str]) -> list[str]:
-        """With what a container's network and its host's name decide otherwise."""
         added = {"redis": ["--port", self.ports["redis"], "--bind", "127.0.0.1"], "celery": ["-n", f"celery@{name}"]}
         moved = [self.moved(interpolated(word, self.variables)) for word in words]
         return [*moved, *added.get(name, []), *added.get(words[0], [])]
@@ -154,8 +152,6 @@ LOOK_S = 0.3
 
 @dataclass
 class Composed:
-    """What is up, by name."""
-
     place: Place
     document: dict[str, Any]
     processes: dict[str, subprocess.Popen[bytes]] = field(default_factory=dict)
@@ -206,7 +202,6 @@ class Composed:
         return self.place.folder / f"{name}.log"
 
     def check(self, name: str) -> subprocess.Popen[bytes]:
-        """Its health check, begun."""
         kind, *words = self.services[name]["healthcheck"]["test"]
         command = self.place.command(name, words) if kind == "CMD" else ["sh", "-c", interpolated(words[0], {})]
         environment, nowhere = self.place.environment(name, self.services[name]), subprocess.DEVNULL
@@ -245,7 +240,6 @@ class Composed:
         return psycopg.connect(host="127.0.0.1", port=port, user=user, dbname=name, password=password, autocommit=True)
 
     def kill(self, name: str) -> None:
-        """Its whole container, without a warning."""
         process = self.processes[name]
         os.killpg(process.pid, signal.SIGKILL)
         process.wait()

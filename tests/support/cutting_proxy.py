@@ -24,7 +24,6 @@ class CuttingProxy:
         threading.Thread(target=self._accept, daemon=True).start()
 
     def close(self) -> None:
-        """End every connection."""
         for each in self._open:
             _end(each)
 
@@ -64,7 +63,6 @@ class CuttingProxy:
 
 @contextmanager
 def cutting(service: tuple[str, int], *, cuts: int, after_bytes: int, wrong_offsets: int = 0) -> Iterator[CuttingProxy]:
-    """Run a proxy within the block."""
     proxy = CuttingProxy(service, cuts=cuts, after_bytes=after_bytes, wrong_offsets=wrong_offsets)
     try:
         yield proxy

@@ -62,7 +62,6 @@ def _operation(document: dict[str, Any], method: str, path: str) -> dict[str, An
 
 
 def _resolved(document: dict[str, Any], part: dict[str, Any]) -> dict[str, Any]:
-    """What a reference refers to."""
     for name in part.get("$ref", "").split("/")[1:]:
         document = document[name]
     return document if "$ref" in part else part

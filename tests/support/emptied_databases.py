@@ -110,7 +110,6 @@ class PostgresServer(PostgresDatabases):
         self.process.wait()
 
     def close(self) -> None:
-        """End it and leave nothing behind."""
         if self.process is not None and self.process.poll() is None:
             self.stop()
         shutil.rmtree(self._folder)
@@ -131,7 +130,6 @@ class PostgresServer(PostgresDatabases):
 
 @contextmanager
 def own_server() -> Iterator[PostgresServer]:
-    """One that a test may stop."""
     server = _started(ends_with_thread=False)
     yield server
     server.close()
@@ -212,7 +210,6 @@ class EmptiedDatabases:
 
     @contextmanager
     def one(self) -> Iterator[str]:
-        """The URL of a database as the template was."""
         if not self._free:
             self._free.append(f"test_{uuid4().hex}")
             self._server.run(f"CREATE DATABASE {self._free[-1]} TEMPLATE {self._template} STRATEGY file_copy")

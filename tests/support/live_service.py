@@ -117,7 +117,6 @@ class Service:
 
 
 def parents() -> dict[int, int]:
-    """Map each running process to its parent."""
     found = {}
     for stat in Path("/proc").glob("[0-9]*/stat"):
         with suppress(FileNotFoundError, ProcessLookupError):
@@ -135,7 +134,6 @@ def descendants(process_id: int) -> set[int]:
 
 
 def workers(process_id: int) -> set[int]:
-    """Find the embedded workers of a service."""
     found = set()
     for child in (child for child, parent in parents().items() if parent == process_id):
         with suppress(FileNotFoundError, ProcessLookupError):
@@ -255,7 +253,6 @@ sys.stdout = open(1, "w", buffering=4096, closefd=False)
 
 
 def race(count: int, imports: str, program: str) -> str:
-    """What `count` processes of a program print, together."""
     script = SCRIPT.format(imports=imports, count=count, program=program)
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0, done.stderr

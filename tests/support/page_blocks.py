@@ -5,6 +5,7 @@ from pathlib import Path
 
 import typer
 from pydantic_settings import BaseSettings
+from typer.testing import CliRunner
 
 from sawmill_command.commands import main
 from sawmill_platform.settings import StorageSettings
@@ -16,9 +17,15 @@ KNOWN = {f"SAWMILL_{name.upper()}" for settings in SETTINGS for name in settings
 
 
 def blocks(page: Path, language: str = "text") -> list[str]:
-    """The fenced blocks of a language; a line that is continued is one line."""
     found = re.findall(rf"^```{language}\n(.*?)^```$", page.read_text(), re.MULTILINE | re.DOTALL)
     return [block.replace("\\\n", "") for block in found]
+
+
+def in_process(*arguments: object) -> str:
+    """What a command of `sawmill` that succeeds writes to standard output."""
+    done = CliRunner().invoke(main, [str(argument) for argument in arguments])
+    assert done.exit_code == 0, done.output
+    return done.stdout
 
 
 def check_options(words: list[str]) -> None:

@@ -14,7 +14,6 @@ WHOLE = "not nightly"  # the selection of `make test`
 
 
 def processor_seconds() -> float:
-    """Read the processor seconds of this process and of its ended children."""
     times = os.times()
     return times.user + times.system + times.children_user + times.children_system
 

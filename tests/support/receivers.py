@@ -14,8 +14,6 @@ from typing import Any
 
 @dataclass
 class Message:
-    """One request."""
-
     path: str
     headers: dict[str, str]
     body: bytes
@@ -48,7 +46,6 @@ def status(code: int, **headers: str) -> Answer:
 
 
 def endless(handler: BaseHTTPRequestHandler) -> None:
-    """A body without an end, until nobody reads it any more."""
     handler.send_response(200)
     handler.end_headers()
     try:
@@ -59,7 +56,6 @@ def endless(handler: BaseHTTPRequestHandler) -> None:
 
 
 def early_close(handler: BaseHTTPRequestHandler) -> None:
-    """Half a status line."""
     handler.wfile.write(b"HTTP/1.1 2")
 
 
@@ -77,7 +73,6 @@ def dripping(handler: BaseHTTPRequestHandler) -> None:
 
 
 def hanging(handler: BaseHTTPRequestHandler) -> None:
-    """No answer until the receiver ends."""
     handler.server.let_go.wait(600)
 
 

@@ -73,15 +73,24 @@ def nxtomo(tmp_path, stack, angles_deg):
 
 @pytest.fixture(scope="session")
 def published_data():
-    """The folder of the published data."""
     folder = Path(os.environ.get("SAWMILL_PUBLISHED_DATA", Path(__file__).parents[3] / "shared" / "data"))
     if not folder.is_dir():
         pytest.skip(f"the published data are not at {folder}; name their folder in SAWMILL_PUBLISHED_DATA")
     return folder
 
 
+@pytest.fixture
+def file(tmp_path):
+    return tmp_path / "upload"
+
+
+def saved(write, *arguments, **named):
+    stream = io.BytesIO()
+    write(stream, *arguments, **named)
+    return stream.getvalue()
+
+
 def read_scan(path, **given):
-    """A scan with all of its projections in memory."""
     with reading_scan(path, **given) as scan:
         (block,) = scan.blocks(2**30)
         return replace(scan, projections=block.samples)
@@ -97,7 +106,6 @@ def refusal(path, **given):
 
 
 def refused(path, code, *words, **given):
-    """The sentence that refuses a file, with this code and these words."""
     found, sentence = refusal(path, **given)
     assert found == code, sentence
     assert [word for word in words if word not in sentence] == [], sentence
@@ -152,18 +160,12 @@ def mat(*, packed=False, **variables):
     return lambda path: scipy.io.savemat(path, variables, appendmat=False, do_compression=packed)
 
 
-def tiff_bytes(image, **options):
-    stream = io.BytesIO()
-    tifffile.imwrite(stream, image, **options)
-    return stream.getvalue()
-
-
 def zipped(members, method=ZIP_STORED):
     """An archive of bytes and of images, which are packed as TIFFs."""
 
     def write(path):
         with ZipFile(path, "w", method) as archive:
             for name, content in members.items():
-                archive.writestr(name, tiff_bytes(content) if isinstance(content, np.ndarray) else content)
+                archive.writestr(name, saved(tifffile.imwrite, content) if isinstance(content, np.ndarray) else content)
 
     return write

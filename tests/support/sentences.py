@@ -35,13 +35,11 @@ class Text(NamedTuple):
 
 
 def sources() -> list[Path]:
-    """Return the modules, migrations left out."""
     paths = sorted(path for folder in PRODUCT for path in Path(ROOT, folder).rglob("*.py"))
     return [path for path in paths if "migrations" not in path.parts]
 
 
 def docstrings(path: Path) -> Iterator[Text]:
-    """Find the docstrings of modules, classes and functions."""
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
             text = ast.get_docstring(node)

@@ -67,7 +67,6 @@ def back_project(numbers: Numbers) -> None:
 
 
 def project(numbers: Numbers) -> None:
-    """Forward and adjoint of each width."""
     source, centre, axis = numbers(VIEWS, 2), numbers(VIEWS, 2), numbers(VIEWS, 2)
     if numbers.one() > 0.0:
         source, centre = np.full((VIEWS, 2), (30.0, -860.0)), np.full((VIEWS, 2), (30.0, 700.0))

@@ -34,15 +34,11 @@ def projector(irregular_turn):
     return make
 
 
-@pytest.fixture
-def scan():
-    def make(projector, *, noise=0.02, seed=1102):
-        return simulate_sinogram(LOG, projector.geometry, noise=noise, seed=seed)
-
-    return make
+def scan(projector, *, noise=0.02, seed=1102):
+    return simulate_sinogram(LOG, projector.geometry, noise=noise, seed=seed)
 
 
-def test_the_preset_paper_is_the_published_objective_and_has_no_bound(projector, scan):
+def test_the_preset_paper_is_the_published_objective_and_has_no_bound(projector):
     """1/2 |(A x - y) / 0.3|^2 + 3/2 sum log(1 + |d|^2 / 0.01^2), the corner's scale 0.1; at most 150 iterations."""
     a = projector()
     lines = 20.0 * scan(a)  # in the unit of that log, whose wood is about 0.4

@@ -1,11 +1,11 @@
 """Detectors on an arc: the places of their cells, the phantom's shadow, images and drift checks."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.support.exact_chords import FRAME, Detector, full_turn, scan
+from tests.support.exact_chords import FRAME, BentDetector, Detector, full_turn, scan
 
 from sawmill_tomography.calibration.calibrate import calibrate
 from sawmill_tomography.calibration.task import CalibrationTask
@@ -25,26 +25,12 @@ from sawmill_vocabulary import DetectorModule, GeometryError, Rotation, Scanner,
 
 CELLS, PITCH_MM, R_S = 768, 1.5, 859.46
 WOOD = [replace(shape, density=0.008) for shape in L_SHAPE.shapes]
+ON_ARC = BentDetector(CELLS, PITCH_MM, radius_mm=1574.0)
 CENTRED = SourceFrame(0.3, 900.0, 1574.0, 0.0, 0.0)
 
 
 def scanner(arc=None, modules=()):
     return Scanner(R_S, CELLS, PITCH_MM, modules, arc)
-
-
-@dataclass(frozen=True)
-class Arc(Detector):
-    """Cells on an arc that touches the line at the detector's middle."""
-
-    radius_mm: float = 1574.0
-
-    def points(self, frame, rays):
-        turn = (np.arange(self.cells * rays) + 0.5 - 0.5 * self.cells * rays) * self.pitch_mm / rays / self.radius_mm
-        along, depth = self.radius_mm * np.sin(turn), self.radius_mm * (1.0 - np.cos(turn))
-        c, s = math.cos(frame.tilt_rad), math.sin(frame.tilt_rad)
-        w = along - frame.cor_column_mm
-        points = np.stack([w * c + depth * s, frame.source_to_detector_mm + w * s - depth * c], -1)
-        return points.reshape(self.cells, rays, 2)
 
 
 def test_an_arc_around_the_source_has_its_cells_at_equal_angles():
@@ -79,9 +65,8 @@ def test_modules_on_an_arc_begin_where_the_arc_is():
 
 @pytest.fixture(scope="module")
 def turn():
-    """Line integrals on an arc from 90 views, by exact chords."""
     angles = full_turn(90)
-    return angles, -np.log(scan(WOOD, Arc(CELLS, PITCH_MM), FRAME, angles))
+    return angles, -np.log(scan(WOOD, ON_ARC, FRAME, angles))
 
 
 def test_the_forward_model_and_the_simulator_see_the_shadow_on_an_arc(turn):
@@ -92,7 +77,7 @@ def test_the_forward_model_and_the_simulator_see_the_shadow_on_an_arc(turn):
     assert np.median(np.abs(model - lines)[lines > 0.1]) < 1e-4
     flat = analytic.project(wood, DetectorCells.of(scanner()), FRAME, angles)
     assert np.sqrt(np.mean((flat - lines) ** 2)) > 20.0 * np.sqrt(np.mean((model - lines) ** 2))
-    exact = scan(WOOD, Arc(CELLS, PITCH_MM), FRAME, angles[:3])
+    exact = scan(WOOD, ON_ARC, FRAME, angles[:3])
     np.testing.assert_allclose(
         simulate_physics(wood, scanner(1574.0), FRAME, angles[:3], seed=1).signal, exact, atol=1e-3
     )

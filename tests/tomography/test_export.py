@@ -16,7 +16,6 @@ FIELD_MM = 400.0
 
 @pytest.fixture(params=range(6))
 def fan(request, scanner, random_thetas, irregular_turn):
-    """Shifted sources and detectors tilted both ways, at irregular angles in no order."""
     return FanBeamGeometry(scanner, random_thetas(6, seed=5)[request.param], irregular_turn(40, seed=request.param))
 
 

@@ -20,7 +20,6 @@ WINDOWS = {"hann": lambda f: 0.5 + 0.5 * np.cos(np.pi * f), "cosine": lambda f: 
 
 
 def slice_of(*shapes, name="hann", scaling=1.0, pixels=512, noise=0.0):
-    """A slice of 200 mm, and the standard deviation of a ray."""
     rays = simulate_sinogram(Phantom("body", shapes), GEOMETRY, noise=noise, seed=56)
     projector = Projector(GEOMETRY, ImageGrid(pixels, 200.0))
     image = fbp(projector, rays, filter_name=FilterName(name), frequency_scaling=scaling).image

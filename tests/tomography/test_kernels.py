@@ -57,7 +57,6 @@ def double(number):
 
 @pytest.fixture
 def kernels(tmp_path, monkeypatch):
-    """A module with a kernel that nobody has compiled."""
     (tmp_path / "kernels_of_a_test.py").write_text(KERNEL)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr(config, "CACHE_DIR", "")  # it is kept next to its file, whatever NUMBA_CACHE_DIR says

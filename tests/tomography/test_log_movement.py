@@ -15,7 +15,6 @@ VIEWS, AT = 180, 70
 
 
 def moved_log(full_turn, by_mm, *, noise, rotation=Rotation.AS_GIVEN, seed=1):
-    """A log that stands `by_mm` farther along a slant from view 70 on."""
     fan = FanBeamGeometry(SCANNER, THETA, rotation.apply(full_turn(VIEWS)))
     log = LogModel.random(1, radius_mm=120.0).slice_at(185.0)
     before, after = (

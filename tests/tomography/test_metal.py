@@ -52,7 +52,6 @@ def search(lines, fan):
 
 @cache
 def seen(views):
-    """The metal of the nailed log, and what it was found in."""
     lines, fan = simulated(NAILED, views)
     return search(lines, fan).find(lines[None])[0], lines, fan
 
@@ -200,7 +199,6 @@ def test_rays_behind_nails_are_those_of_the_log_and_their_errors_are_known():
 
 
 def checked(log, fan, seed):
-    """A drift check of the mean of the rows."""
     mean = log.scan(fan, seed, ROWS).mean(axis=1, dtype=np.float64)
     return detector_fit(SCANNER, mean, fan.angles_rad, fan.frame, Rotation.AS_GIVEN)
 

@@ -67,7 +67,6 @@ def check(found, slices, shape, parameters):
 
 
 def function_of(name):
-    """The function of a method, which stands in the module of its class."""
     return getattr(sys.modules[METHODS[name].__module__], name)
 
 

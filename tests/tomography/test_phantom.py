@@ -202,7 +202,6 @@ OBLIQUE = {
 
 
 def along(line, step_mm):
-    """Points of a closed outline, `step_mm` apart or less."""
     pieces = []
     for a, b in pairwise(line):
         count = max(2, math.ceil(math.dist(a, b) / step_mm))
@@ -211,7 +210,6 @@ def along(line, step_mm):
 
 
 def distance_to(line, points):
-    """Of each point to the nearest segment of a closed outline."""
     a, side = line[:-1], np.diff(line, axis=0)
     share = ((points[:, None] - a) * side).sum(-1) / (side**2).sum(-1)
     return np.linalg.norm(points[:, None] - (a + share.clip(0.0, 1.0)[..., None] * side), axis=-1).min(axis=1)

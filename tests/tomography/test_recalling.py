@@ -12,7 +12,6 @@ def bowl(vector):
 
 
 def search(objective, seed=7):
-    """As the published search: best/1/bin with dithered mutation, and a polish."""
     found = differential_evolution(
         objective, Bounds(-np.ones(3), np.ones(3)), mutation=(0.5, 1.0), maxiter=6, rng=np.random.default_rng(seed)
     )

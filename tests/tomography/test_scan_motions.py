@@ -35,7 +35,6 @@ def scanner(*modules):
 
 
 def rays(*, log=LOG, angles=ANGLES, moved_mm=0.0, modules=(), subrays=4):
-    """Noise-free line integrals."""
     return -np.log(scan(log, Detector(768, 1.5, modules), FRAME, angles, moved_mm=moved_mm, rays=subrays))
 
 

@@ -54,25 +54,21 @@ class Watched:
         return path
 
     def look(self, times: int = 1, *, after_s: float = 0.0) -> None:
-        """Let the taker look, each time after this number of seconds."""
         for _ in range(times):
             self.now_s += after_s
             self.taker.look()
             self.taker.wait(60.0)
 
     def take(self) -> None:
-        """Let what stands still be taken."""
         self.look()
         self.look(after_s=10.0)
 
     def settle(self) -> None:
-        """Let what stands still be taken, read and removed."""
         self.take()
         self.read()
         self.look()
 
     def read(self) -> None:
-        """Read all scans that wait, without any science."""
         while claim := self.store.jobs.claim("a worker"):
             if self.content(self.store.scans.get(claim.job.subject_id)).startswith(BAD):
                 failure = Failure(kind=FailureKind.INPUT, code="unknown-format", detail="the file is no scan")
@@ -82,7 +78,6 @@ class Watched:
             self.store.jobs.succeed(claim, answer_of(claim.job.kind, reading()), output)
 
     def again(self) -> None:
-        """Take the place of the taker by one that knows nothing, as after a kill."""
         self.taker.close()
         self.taker = self.new_taker()
 
@@ -92,7 +87,6 @@ class Watched:
         self.store.scanners.update(self.scanner_id, scanner.model_copy(update={"watched_folder": watched}))
 
     def scans(self) -> list[Scan]:
-        """The folder's scans, the oldest first."""
         return self.store.scans.page(scanner_id=self.scanner_id, limit=100).items[::-1]
 
     def contents(self) -> dict[str, bytes]:
@@ -150,7 +144,6 @@ def watched(place: Path, empty_data: Path) -> Iterator[Watched]:
 
 @pytest.fixture
 def log() -> Iterator[Callable[[str], list[dict]]]:
-    """Gives the events of a name that have been logged since it was asked last."""
     with capture_logs() as entries:
 
         def lines(event: str) -> list[dict]:
@@ -433,8 +426,6 @@ def test_a_folder_that_is_away_is_waited_for_and_said_once(watched, log):
 
 
 class PoisonedScans(Scans):
-    """Has a defect at which some scans fail."""
-
     def accept(self, spec, *given, **options):
         if spec.name.startswith("poison"):
             raise RuntimeError("a defect")

@@ -167,7 +167,6 @@ def test_a_grey_slice_is_drawn_without_matplotlib():
 
 
 def marked(size, row, column):
-    """An image that is bright in one pixel."""
     image = np.zeros((size, size), np.float32)
     image[row, column] = 1.0
     return image
@@ -266,7 +265,6 @@ def side_view(densest, **options):
 
 
 def framed(page):
-    """The panel inside its frame."""
     frame = page == 120
     lefts, tops = np.flatnonzero(frame.sum(axis=0) > 190), np.flatnonzero(frame.sum(axis=1) > 190)
     return page[tops[0] + 1 : tops[-1], lefts[0] + 1 : lefts[1]]

@@ -26,24 +26,17 @@ def put(array, value, at=(3, 30)):
     return changed
 
 
-@pytest.fixture
-def read(tmp_path):
+def read(tmp_path, write, *, rows=1000, **given):
     """What a file is read as: its rays (views, detector) and what stands beside them."""
-
-    def of(write, *, rows=1000, **given):
-        path = tmp_path / "mean"
-        write(path)
-        given = {"counts": False, "angles_deg": AngleSteps(0.0, 40.0), "averaged_rows": rows} | given
-        with reading_scan(path, **given) as scan:
-            (block,) = scan.blocks(2**20)
-            return replace(scan, projections=block.samples[:, 0])
-
-    return of
+    path = tmp_path / "mean"
+    write(path)
+    given = {"counts": False, "angles_deg": AngleSteps(0.0, 40.0), "averaged_rows": rows} | given
+    with reading_scan(path, **given) as scan:
+        (block,) = scan.blocks(2**20)
+        return replace(scan, projections=block.samples[:, 0])
 
 
 def edited(write, edit):
-    """The same file with other bytes."""
-
     def write_edited(path):
         write(path)
         path.write_bytes(edit(path.read_bytes()))
@@ -56,23 +49,23 @@ def edited(write, edit):
     [MEAN, MEAN.astype(np.float64), MEAN.astype(">f4"), np.asfortranarray(MEAN.astype("<f8")), MEAN[:, None]],
     ids=["float32", "float64", "big-endian", "fortran-order", "one-row"],
 )
-def test_any_array_of_real_numbers_is_the_same_mean(read, stored):
-    scan = read(npy(stored))
+def test_any_array_of_real_numbers_is_the_same_mean(tmp_path, stored):
+    scan = read(tmp_path, npy(stored))
     np.testing.assert_array_equal(scan.projections, MEAN)
     assert (scan.averaged.rows, scan.averaged.deviations) == (1000, None)
 
 
 @pytest.mark.parametrize("written", [npz, lambda **arrays: hdf5(arrays), mat])
-def test_deviations_stand_beside_the_mean_by_their_name(read, written):
-    scan = read(written(mean=MEAN, deviations=DEVIATIONS))
+def test_deviations_stand_beside_the_mean_by_their_name(tmp_path, written):
+    scan = read(tmp_path, written(mean=MEAN, deviations=DEVIATIONS))
     np.testing.assert_array_equal(scan.projections, MEAN)
     np.testing.assert_array_equal(scan.averaged.deviations, DEVIATIONS)
 
 
-def test_deviations_of_one_row_have_its_shape_and_an_infinite_one_masks_its_ray_as_nan_does(read):
-    scan = read(npz(mean=MEAN[:, None], deviations=DEVIATIONS[:, None]))
+def test_deviations_of_one_row_have_its_shape_and_an_infinite_one_masks_its_ray_as_nan_does(tmp_path):
+    scan = read(tmp_path, npz(mean=MEAN[:, None], deviations=DEVIATIONS[:, None]))
     np.testing.assert_array_equal(scan.averaged.deviations, DEVIATIONS)
-    scan = read(npz(mean=put(MEAN, np.nan), deviations=put(put(DEVIATIONS, np.nan), np.inf, (5, 7))))
+    scan = read(tmp_path, npz(mean=put(MEAN, np.nan), deviations=put(put(DEVIATIONS, np.nan), np.inf, (5, 7))))
     assert np.argwhere(np.isnan(scan.projections)).tolist() == [[3, 30], [5, 7]]
 
 
@@ -106,20 +99,20 @@ NOT_SO = {
 
 
 @each_refusal(Path(__file__).with_name("averaged.txt"))
-def test_what_cannot_be_the_mean_of_line_integrals_is_refused_in_a_sentence(read, name, code, sentence):
+def test_what_cannot_be_the_mean_of_line_integrals_is_refused_in_a_sentence(tmp_path, name, code, sentence):
     with pytest.raises(UnreadableScan) as refusal:
-        read(NOT_SO[name])
+        read(tmp_path, NOT_SO[name])
     assert (refusal.value.code, str(refusal.value)) == (code, sentence)
 
 
-def test_a_mean_is_refused_where_it_is_nan_unnamed_or_of_transmissions(read):
+def test_a_mean_is_refused_where_it_is_nan_unnamed_or_of_transmissions(tmp_path):
     thin = np.tile(0.3 * np.sqrt(np.clip(1.0 - (np.linspace(-1.0, 1.0, 768) / 0.1) ** 2, 0.0, None)), (VIEWS, 1))
     noisy = thin + 0.01 * np.random.default_rng(1).standard_normal(thin.shape)
-    read(npy(noisy))
+    read(tmp_path, npy(noisy))
     with pytest.raises(UnreadableScan, match="as counts and transmissions do"):
-        read(npy(np.exp(-noisy)))
+        read(tmp_path, npy(np.exp(-noisy)))
     with pytest.raises(UnreadableScan, match="every value must be a finite number"):
-        read(npy(put(MEAN, np.nan)), rows=None)
+        read(tmp_path, npy(put(MEAN, np.nan)), rows=None)
 
 
 def test_a_bridged_ray_is_known_no_better_than_those_that_were_measured():

@@ -19,11 +19,6 @@ from sawmill_formats.input.reading import reading_scan
 MOST_MEBIBYTES = 600
 
 
-@pytest.fixture
-def file(tmp_path):
-    return tmp_path / "upload"
-
-
 def refused(file, code, *words, **options):
     found = outcome(file, **options)
     assert found.code == code, found

@@ -22,7 +22,6 @@ def parts(stack, angles_deg):
 
 
 def read(parts, **given):
-    """All samples, in one block."""
     (block,) = CanonicalScan(**parts, **given).blocks(2**20)
     return block.samples
 
@@ -54,25 +53,6 @@ def test_blocks_are_whole_pieces_within_the_window_and_hold_every_sample(parts, 
         assert np.isnan(out[block.views, block.rows]).all()
         out[block.views, block.rows] = block.samples
     np.testing.assert_array_equal(out, stack)
-
-
-@pytest.mark.parametrize(
-    ("name", "change", "code", "sentence"),
-    [
-        ("projections", lambda _: held(np.ones((6, 0, 8), np.float32)), "wrong-shape", r"must be \(views, rows, det"),
-        ("angles_rad", lambda a: a[:-1], "angles-mismatch", "5 angles for 6 views"),
-        ("angles_rad", lambda a: a * np.nan, "not-finite", "the angle of view 0 is nan"),
-        ("angles_rad", lambda a: a * 0, "angles-repeated", "views 0 and 1"),
-        ("flats", lambda _: None, "flats-missing", "at least one flat field"),
-        ("flats", lambda a: a[:0], "wrong-shape", "flat fields have the shape"),
-        ("flats", lambda a: a * np.inf, "not-finite", "flat 0, row 0, cell 0 is inf"),
-        ("counts", lambda _: False, "contradiction", "declared line integrals"),
-    ],
-)
-def test_each_disagreement_has_its_sentence(parts, name, change, code, sentence):
-    with pytest.raises(UnreadableScan, match=sentence) as refusal:
-        CanonicalScan(**(parts | {name: change(parts[name])}))
-    assert refusal.value.code == code
 
 
 class TestMissingRows:

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from scan_files import refused as refused_of
 
-from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.input.angles import AngleSteps
 from sawmill_formats.input.reading import reading_scan
 
@@ -21,7 +20,6 @@ NOT_WHOLE = WHOLE[:100]
 
 
 def with_checksum(data):
-    """Append the checksum that HDF5 computes of `data`."""
     with h5py.File("sum", "w", driver="core", backing_store=False) as file:
         one = file.create_dataset("a", data=np.frombuffer(data, np.uint8), chunks=(len(data),), fletcher32=True)
         return one.id.read_direct_chunk((0,))[1]
@@ -51,11 +49,6 @@ def samples(file, **options):
 
 def refused(file, code, *words, **options):
     return refused_of(file, code, *words, counts=False, **{"angles_deg": STEPS} | options)
-
-
-@pytest.fixture
-def file(tmp_path):
-    return tmp_path / "upload"
 
 
 @pytest.mark.parametrize("libver", ["earliest", "latest"])
@@ -150,18 +143,11 @@ def test_the_parts_of_an_nxtomo_and_of_matlab_are_whole_too(nxtomo, file):
             entry.create_dataset(part, data=values, chunks=values.shape, compression=1).attrs.update(units)
             entry[part].id.write_direct_chunk((0,) * values.ndim, zlib.compress(b"\1"))
 
-        with pytest.raises(UnreadableScan, match="holds less"):
-            for _ in _opened_blocks(nxtomo(shorten)):
-                pass
+        refused_of(nxtomo(shorten), "truncated-file", "holds less", counts=True)
     dataset_of(file, zlib.compress(b"\1"), "deflate")
     with h5py.File(file, "a") as h5:
         h5["data"].attrs["MATLAB_class"] = np.bytes_("uint8")
     refused(file, "truncated-file", angles_deg=AngleSteps(0.0, 20.0))
-
-
-def _opened_blocks(path):
-    with reading_scan(path, counts=True) as scan:
-        yield from scan.blocks(2**26)
 
 
 def test_a_definition_shorter_than_its_chunk_is_refused(file):

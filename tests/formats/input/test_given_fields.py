@@ -14,7 +14,6 @@ COUNTS = {"counts": True, "angles_deg": STEPS}
 
 @pytest.fixture
 def scan_file(tmp_path, stack):
-    """Counts and nothing else."""
     np.save(tmp_path / "scan.npy", stack.astype(np.uint16))
     return tmp_path / "scan.npy"
 

@@ -4,7 +4,8 @@ import zipfile
 
 import numpy as np
 import pytest
-from scan_files import hdf5, mat, npz, tiff_bytes
+import tifffile
+from scan_files import hdf5, mat, npz, saved
 
 from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.input.angles import AngleSteps
@@ -25,7 +26,7 @@ DATA, EXCHANGE_DETECTOR = "exchange/data", "measurement/instrument/detector/"
 def images(views, flats, darks):
     """Members of an archive by patterns of their names: `n` counts, `a` is the angle."""
     return {
-        pattern.format(n=n, a=ANGLES[n]): tiff_bytes(image, photometric="minisblack")
+        pattern.format(n=n, a=ANGLES[n]): saved(tifffile.imwrite, image, photometric="minisblack")
         for pattern, stack in ((views, STACK), (flats, FLATS), (darks, DARKS))
         for n, image in enumerate(stack)
     }
@@ -58,7 +59,7 @@ def stacks(**options):
     def write(path):
         with zipfile.ZipFile(path, "w") as file:
             for name, stack in (("log17.tif", STACK), ("log17_flat.tif", FLATS), ("log17_dark.tif", DARKS)):
-                file.writestr(name, tiff_bytes(stack, **options))
+                file.writestr(name, saved(tifffile.imwrite, stack, **options))
 
     return write
 
@@ -84,7 +85,6 @@ CAMERA = {"x_binning": 1, "y_binning": 0, "exposure_time": 0.1}
 
 
 def alone(write, *facts, **given):
-    """A file, what is given with it, and the facts that are remarked."""
     return write, given, set(facts)
 
 

@@ -18,7 +18,6 @@ SHAPE = (VIEWS, ROWS, CELLS)
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """Of the master file and, below it, of the data; the process runs in another."""
     (tmp_path / "scan/raw").mkdir(parents=True)
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")
@@ -59,7 +58,6 @@ def virtual(folder, stack):
 
 
 def raw(folder, stack):
-    """Numbers without any format, in two files."""
     data = stack.astype("<u2").tobytes()
     (folder / "raw/0.bin").write_bytes(b"head" + data[:100])
     (folder / "raw/1.bin").write_bytes(data[100:])

@@ -12,7 +12,6 @@ DRIFT = np.linspace(1.0, 0.9, 10)[:, None, None]
 
 
 def fields(level, seed):
-    """Ten fields (n, 2 rows, cells) with the noise of their counts."""
     return np.random.default_rng(seed).poisson(level, (10, 2, CELLS)).astype(np.float32)
 
 

@@ -24,11 +24,6 @@ def counts():
     }
 
 
-@pytest.fixture
-def file(tmp_path):
-    return tmp_path / "upload"
-
-
 def write(file, arrays):
     with file.open("wb") as stream:
         np.savez(stream, **arrays)

@@ -1,8 +1,5 @@
 """Whatever the bytes, a reader reads them or refuses them with one sentence: no other error, and no advice to trust."""
 
-import io
-from zipfile import ZipFile
-
 import h5py
 import numpy as np
 import pytest
@@ -11,6 +8,7 @@ import tifffile
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from PIL import Image
+from scan_files import saved, zipped
 
 from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.input.angles import AngleSteps
@@ -25,29 +23,17 @@ THOROUGH = settings(QUICK, max_examples=2_000, derandomize=False)
 MEMORY_BYTES = 64 * 2**20
 
 
-def saved(write, *arguments, **named):
-    stream = io.BytesIO()
-    write(stream, *arguments, **named)
-    return stream.getvalue()
-
-
-def zipped():
-    stream = io.BytesIO()
-    with ZipFile(stream, "w") as archive:
-        for view, image in enumerate(STACK):
-            archive.writestr(f"{view}.tif", saved(tifffile.imwrite, image, compression="zlib"))
-    return stream.getvalue()
-
-
 VARIABLES = {"scan": {"sinogram": STACK[:, 0], "parameters": {"angles": np.arange(6.0), "note": "text"}}}
 WHOLE = {
     "npy": saved(np.save, STACK),
     "npz": saved(np.savez_compressed, data=STACK, angles_deg=np.arange(6.0)),
     "mat": saved(scipy.io.savemat, VARIABLES),
+    "one array in mat": saved(scipy.io.savemat, {"arr": STACK[:, 0]}),
     "packed mat": saved(scipy.io.savemat, VARIABLES, do_compression=True),
     "tiff": saved(tifffile.imwrite, STACK, compression="zlib", metadata=None),
+    "plain tiff": saved(tifffile.imwrite, STACK, metadata=None),
     "big tiff": saved(tifffile.imwrite, STACK, bigtiff=True, byteorder=">", metadata=None),
-    "zip": zipped(),
+    "zip": saved(zipped({f"{n}.tif": saved(tifffile.imwrite, STACK[n], compression="zlib") for n in range(6)})),
     "png": saved(Image.fromarray(STACK[0].astype(np.uint8)).save, format="PNG"),
 }
 # Numbers that parsers trip over, in either order of bytes, and a few bytes of anything.

@@ -1,8 +1,4 @@
-"""A table of half-right files and the sentences that refuse them: what is wrong, in which number, and what is right.
-
-The sentences are in refusals.txt: none asks for exactly what the file has. Files that are damaged are in
-test_refusals.py, those that unpack to gigabytes in test_bombs.py.
-"""
+"""A table of half-right files; the sentences that refuse them are in refusals.txt, none asks for what the file has."""
 
 import io
 import stat
@@ -41,14 +37,12 @@ def npy_header(shape):
 
 
 def put(place, value):
-    """The stack with another value at this place."""
     changed = VALUES.copy()
     changed[place] = value
     return changed
 
 
 def nested(depth):
-    """A struct in a struct, to this depth."""
     return {"s": nested(depth - 1)} if depth else VALUES[:, 0]
 
 
@@ -95,8 +89,6 @@ def shuffled_late(path):
 
 
 def matlab(members):
-    """HDF5 as MATLAB 7.3 begins it."""
-
     def write(path):
         hdf5(members)(path)
         path.write_bytes(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + bytes(384) + path.read_bytes())
@@ -105,7 +97,6 @@ def matlab(members):
 
 
 def symbolic_link(path):
-    """An archive whose array is a link to a file beside it."""
     entry = ZipInfo("data.npy")
     entry.create_system, entry.external_attr = 3, (stat.S_IFLNK | 0o777) << 16
     with ZipFile(path, "w") as archive:
@@ -241,6 +232,19 @@ TABLE = {
     "zip: named": (zipped({"a.tif": STACK[0]}), {"dataset": "a"}),
     "hdf5: a class of 5 000 letters": (hdf5({"data": VALUES}, [("data", "MATLAB_class", "x" * 5_000)]), {}),
     "nothing": (raw(b""), {}),
+    "flats: NaN": (npz(data=VALUES, flats=np.full((2, 3, 8), np.nan)), COUNTS),
+    "flats: beyond the free memory": (hdf5({"data": VALUES, "flats": np.ones((7, 3, 8), "u1")}), {"free_bytes": 1282}),
+    "exchange: flats beyond the free memory": (exchange(data_white=np.ones((7, 3, 8), "u1")), {"free_bytes": 1282}),
+    "hdf5: chunks beyond the free memory": (
+        created((6, 3, 8), maxshape=(None, None, None), chunks=(1, 1, 100), written=...),
+        {"free_bytes": 800},
+    ),
+    "tiff: a page beyond the free memory": (tiff(VALUES[:, 0].astype("f4")), {"free_bytes": 426}),
+    "tiff: a tile beyond the free memory": (
+        tiff(VALUES[:, 0].astype("f4"), tile=(64, 64), compression="zlib"),
+        {"free_bytes": 36408},
+    ),
+    "zip: an image beyond the free memory": (zipped({"0.tif": bytes(192)}), {"free_bytes": 426}),
     "values: NaN": (npy(put((4, 1, 6), np.nan)), {}),
     "values: beyond float32": (npy(put((2, 0, 3), 1e300)), {}),
     "values: more than allowed": (npy(VALUES.astype(np.float32)), {"max_bytes": 500}),

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import scipy.io
 import tifffile
-from scan_files import read_scan
+from scan_files import read_scan, saved, zipped
 
 from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.input.angles import AngleSteps
@@ -28,23 +28,6 @@ def refused(path, code, sentence, **options):
     assert "\n" not in str(refusal.value)
 
 
-@pytest.fixture
-def file(tmp_path):
-    return tmp_path / "upload"
-
-
-def write_npy(file, stack):
-    with file.open("wb") as stream:
-        np.save(stream, stack)
-    return file
-
-
-def saved(write, *arguments, **named):
-    stream = io.BytesIO()
-    write(stream, *arguments, **named)
-    return stream.getvalue()
-
-
 def write_pages(stream, stack):
     with tifffile.TiffWriter(stream) as tiff:
         for view in stack:
@@ -55,14 +38,6 @@ def structs(stack):
     return {"scan": {"sinogram": stack[:, 0], "parameters": {"angles": np.arange(len(stack)), "note": "text"}}}
 
 
-def zipped(stack):
-    stream = io.BytesIO()
-    with ZipFile(stream, "w") as archive:
-        for view, image in enumerate(stack):
-            archive.writestr(f"{view}.tif", saved(tifffile.imwrite, image))
-    return stream.getvalue()
-
-
 WHOLE = {
     "npy": lambda stack: saved(np.save, stack),
     "npz": lambda stack: saved(np.savez_compressed, data=stack),
@@ -71,7 +46,7 @@ WHOLE = {
     "packed mat": lambda stack: saved(scipy.io.savemat, structs(stack), do_compression=True),
     "tiff": lambda stack: saved(tifffile.imwrite, stack),
     "tiff page by page": lambda stack: saved(write_pages, stack),
-    "zip": zipped,
+    "zip": lambda stack: saved(zipped({f"{n}.tif": image for n, image in enumerate(stack)})),
 }
 
 
@@ -89,17 +64,6 @@ class TestAnyFile:
             file.write_bytes(head + rng.bytes(2000))
             with pytest.raises(UnreadableScan):
                 read_scan(file, counts=False, angles_deg=STEPS)
-
-    # Not for HDF5: its C reader can crash on such files, so they are read in a process that may die.
-    @pytest.mark.parametrize("kind", WHOLE)
-    def test_damaged_bytes_are_read_or_refused(self, file, stack, rng, kind):
-        whole = WHOLE[kind](stack)
-        for position in rng.choice(len(whole), 100, replace=False):
-            damaged = bytearray(whole)
-            damaged[position] ^= 0xFF
-            file.write_bytes(damaged)
-            with suppress(UnreadableScan):
-                assert read_scan(file, counts=False, angles_deg=STEPS).projections.dtype == np.float32
 
     @pytest.mark.parametrize("kind", ["nxtomo", *WHOLE])
     def test_every_truncation_is_refused_or_lost_nothing(self, nxtomo, file, stack, kind):
@@ -128,16 +92,9 @@ class TestScan:
             archive.mkdir("a folder that comes first")
             archive.writestr("data.npy", saved(np.save, stack))
         refused(file.with_suffix(".npz"), "too-large", "at most 575 ", free_bytes=1279)
-        file.write_bytes(zipped(stack))
-        for path in (file, write_npy(file.with_suffix(".npy"), stack)):
-            assert read_scan(path, counts=False, angles_deg=STEPS, free_bytes=1279).projections.size == stack.size
-
-    @pytest.mark.parametrize("layout", ["plain", "exchange"])
-    def test_fields_beyond_the_free_memory(self, file, stack, layout):
-        names = {"plain": ("data", "flats"), "exchange": ("exchange/data", "exchange/data_white")}[layout]
-        with h5py.File(file, "w") as h5:
-            h5[names[0]], h5[names[1]] = stack, np.ones((7, *stack.shape[1:]), np.uint8)
-        refused(file, "too-large", f"'{names[1]}' needs 672 bytes as float32 and at most 576 ", free_bytes=1282)
+        for kind in ("zip", "npy"):
+            file.write_bytes(WHOLE[kind](stack))
+            assert read_scan(file, counts=False, angles_deg=STEPS, free_bytes=1279).projections.size == stack.size
 
     def test_frames_of_fields_beyond_the_free_memory(self, nxtomo):
         options = {"counts": True, "angles_deg": None}
@@ -147,23 +104,11 @@ class TestScan:
         )
         assert read_scan(nxtomo(), free_bytes=428, **options).flats.nbytes == 192
 
-    @pytest.mark.parametrize("kind", ["tiff", "zip"])
-    def test_frames_beyond_the_free_memory(self, file, stack, kind):
-        page, member = saved(tifffile.imwrite, stack[:, 0], metadata=None), zipped(stack)
-        file.write_bytes(page if kind == "tiff" else member)
-        sentence = {"tiff": "a page of the file needs 192 ", "zip": "'0.tif' unpacks to [0-9]+ bytes and at most 191 "}
-        refused(file, "too-large", sentence[kind], free_bytes=426)
-
     def test_pieces_larger_than_the_free_memory(self, file, stack):
         with h5py.File(file, "w") as h5:
             h5.create_dataset("data", data=stack, chunks=(4, 3, 4))
         refused(file, "too-large", "in pieces of 384 bytes, where pieces of 383 fit .* smaller chunks", free_bytes=853)
         assert read_scan(file, counts=False, angles_deg=STEPS, free_bytes=854).projections.nbytes == 576
-
-    def test_chunks_larger_than_the_free_memory(self, file, stack):
-        with h5py.File(file, "w") as h5:
-            h5.create_dataset("data", data=stack, maxshape=(None, None, None), chunks=(1, 1, 100))
-        refused(file, "too-large", r"'data' has chunks of \(1, 1, 100\) values; store it in smaller", free_bytes=800)
 
 
 class TestHdf5:
@@ -221,10 +166,6 @@ class TestTiff:
             tiff.write(iter([BOMB]), shape=(6, 8), dtype="f4", compression="zlib", rowsperstrip=6)
         refused(file, "too-large", "a strip or tile of page 0 of the file declares 192 bytes .* stores [0-9]+ for them")
 
-    def test_tiles_larger_than_the_free_memory(self, file, stack):
-        tifffile.imwrite(file, stack[:, 0], tile=(64, 64), compression="zlib")
-        refused(file, "too-large", "tile of page 0 of the file needs 16384 bytes .* most 16383", free_bytes=36408)
-
 
 class TestMat:
     def test_a_packed_variable_with_a_wrong_checksum(self, file, stack):
@@ -256,10 +197,3 @@ class TestMat:
         whole[offset : offset + 4] = struct.pack("<q", forged)[:4]
         file.write_bytes(whole)
         refused(file, "too-large" if "allowed" in sentence else "broken-file", sentence)
-
-    def test_declares_far_more_than_it_stores(self, file):
-        scipy.io.savemat(file, {"arr": np.ones((6, 8))}, appendmat=False)
-        whole = file.read_bytes()
-        assert whole[160:168] == struct.pack("<ii", 6, 8)
-        file.write_bytes(whole[:160] + struct.pack("<ii", 40_000, 40_000) + whole[168:])
-        refused(file, "too-large", "'arr' needs 12800000000 bytes")

@@ -56,29 +56,24 @@ def test_deviations_are_read_as_what_they_are_of_and_damaged_values_are_refused(
             opened.rows(range(3))
 
 
-@pytest.fixture
-def volume(tmp_path):
+def volume(tmp_path, row_pitch_mm):
     """Write a volume of 3 x 4 x 4 random numbers as jobs do: the file, and what is in it."""
-
-    def write(row_pitch_mm):
-        slices = np.random.default_rng(4).random((3, 4, 4), dtype=np.float32)
-        path = tmp_path / "volume.h5"
-        places = {"centre_mm": (10.0, -20.0), "first_slice_mm": 60.0}
-        with new_volume(path, slices.shape, pixel_mm=2.5, row_pitch_mm=row_pitch_mm, **places) as volume_file:
-            volume_file.write(0, slices[:2])
-            volume_file.write(2, slices[2:])
-        return path, slices
-
-    return write
+    slices = np.random.default_rng(4).random((3, 4, 4), dtype=np.float32)
+    path = tmp_path / "volume.h5"
+    places = {"centre_mm": (10.0, -20.0), "first_slice_mm": 60.0}
+    with new_volume(path, slices.shape, pixel_mm=2.5, row_pitch_mm=row_pitch_mm, **places) as volume_file:
+        volume_file.write(0, slices[:2])
+        volume_file.write(2, slices[2:])
+    return path, slices
 
 
-def test_a_slice_is_one_of_the_volume_s_and_knows_where_it_lies_along_the_log(volume):
-    path, slices = volume(None)
+def test_a_slice_is_one_of_the_volume_s_and_knows_where_it_lies_along_the_log(tmp_path):
+    path, slices = volume(tmp_path, None)
     read = volume_slice(path, slices.shape, 1)
     np.testing.assert_array_equal(read.data, slices[1])
     assert (read.pixel_mm, read.unit) == (2.5, "1/mm")
     assert (read.height_mm, read.label) == (None, "slice 1")
-    path, slices = volume(20.0)
+    path, slices = volume(tmp_path, 20.0)
     read = list(volume_slices(path, slices.shape, [2, 0]))
     np.testing.assert_array_equal([one.data for one in read], slices[[2, 0]])
     assert [one.label for one in read] == ["slice 2, 100 mm", "slice 0, 60 mm"]
@@ -86,14 +81,14 @@ def test_a_slice_is_one_of_the_volume_s_and_knows_where_it_lies_along_the_log(vo
         list(volume_slices(path, slices.shape, [0, 3]))
 
 
-def test_side_views_are_the_densest_along_their_axis_and_have_no_length_without_spacing(volume):
-    path, slices = volume(20.0)
+def test_side_views_are_the_densest_along_their_axis_and_have_no_length_without_spacing(tmp_path):
+    path, slices = volume(tmp_path, 20.0)
     along_x, along_y = side_view(path, slices.shape, "x"), side_view(path, slices.shape, "y")
     np.testing.assert_array_equal(along_x.data, slices.max(axis=1))
     np.testing.assert_array_equal(along_y.data, slices.max(axis=2))
     assert (along_x.across, along_x.across_mm, along_x.along_mm) == ("y", (-25.0, -15.0), (50.0, 110.0))
     assert (along_y.across, along_y.across_mm, along_y.unit) == ("x", (5.0, 15.0), "1/mm")
-    path, slices = volume(None)
+    path, slices = volume(tmp_path, None)
     assert side_view(path, slices.shape, "x").along_mm is None
 
 
@@ -119,24 +114,19 @@ def test_a_row_that_is_not_there_is_refused_with_the_range(scan, stack, row):
         sinogram(scan, stack.shape, row)
 
 
-@pytest.fixture
-def dataset(tmp_path):
+def dataset(tmp_path, shape):
     """A dataset (3, *shape) float32, one chunk to each index, and its file's path."""
-
-    def new(shape):
-        file = h5py.File(tmp_path / "packed.h5", "w")
-        return file, file.create_dataset("data", (3, *shape), "f4", chunks=(1, *shape), **PACKED, fletcher32=True)
-
-    return new
+    file = h5py.File(tmp_path / "packed.h5", "w")
+    return file, file.create_dataset("data", (3, *shape), "f4", chunks=(1, *shape), **PACKED, fletcher32=True)
 
 
 @pytest.mark.parametrize("shape", [(64, 48), (3, 5), (1, 1)])
 @pytest.mark.parametrize("kind", ["noise", "zeros", "constant"])
-def test_the_library_reads_what_was_packed(dataset, tmp_path, shape, kind):
+def test_the_library_reads_what_was_packed(tmp_path, shape, kind):
     rng = np.random.default_rng(731)
     values = {"noise": rng.standard_normal((3, *shape)), "zeros": np.zeros((3, *shape)), "constant": 1e-3}[kind]
     values = np.broadcast_to(values, (3, *shape)).astype(np.float32)
-    file, data = dataset(shape)
+    file, data = dataset(tmp_path, shape)
     for index, chunk in enumerate(values):
         write_chunk(data, index, pack(chunk))
     file.close()
@@ -144,8 +134,8 @@ def test_the_library_reads_what_was_packed(dataset, tmp_path, shape, kind):
         np.testing.assert_array_equal(again["data"], values)
 
 
-def test_the_checksum_is_the_library_s_where_a_sum_of_65535_stays(dataset):
-    file, data = dataset((40, 41))
+def test_the_checksum_is_the_library_s_where_a_sum_of_65535_stays(tmp_path):
+    file, data = dataset(tmp_path, (40, 41))
     data[...] = np.random.default_rng(732).standard_normal((3, 40, 41))
     file.flush()
     for index in range(3):
@@ -157,8 +147,8 @@ def test_the_checksum_is_the_library_s_where_a_sum_of_65535_stays(dataset):
     assert fletcher32(b"\x01") == 0x01000100
 
 
-def test_a_damaged_chunk_is_reported(dataset, tmp_path):
-    file, data = dataset((64, 48))
+def test_a_damaged_chunk_is_reported(tmp_path):
+    file, data = dataset(tmp_path, (64, 48))
     write_chunk(data, 0, pack(np.random.default_rng(733).standard_normal((64, 48)).astype(data.dtype)))
     offset = data.id.get_chunk_info(0).byte_offset
     file.close()
@@ -169,18 +159,12 @@ def test_a_damaged_chunk_is_reported(dataset, tmp_path):
         again["data"][0]
 
 
-@pytest.fixture
-def volume_of(tmp_path, rng):
-    """Write a volume of a number of slices and open it."""
-
-    def write(slices, row_pitch_mm=20.0):
-        values = rng.random((slices, 6, 4), dtype=np.float32)
-        places = {"centre_mm": (10.0, -30.0), "first_slice_mm": 100.0 if row_pitch_mm else 0.0}
-        with new_volume(tmp_path / "volume.h5", values.shape, row_pitch_mm=row_pitch_mm, **places) as volume:
-            volume.write(0, values)
-        return h5py.File(tmp_path / "volume.h5")
-
-    return write
+def volume_of(tmp_path, rng, slices, row_pitch_mm=20.0):
+    values = rng.random((slices, 6, 4), dtype=np.float32)
+    places = {"centre_mm": (10.0, -30.0), "first_slice_mm": 100.0 if row_pitch_mm else 0.0}
+    with new_volume(tmp_path / "volume.h5", values.shape, row_pitch_mm=row_pitch_mm, **places) as volume:
+        volume.write(0, values)
+    return h5py.File(tmp_path / "volume.h5")
 
 
 def seen_by_vtk(file, name):
@@ -195,8 +179,8 @@ def seen_by_vtk(file, name):
 
 
 @pytest.mark.parametrize(("slices", "row_pitch_mm"), [(3, 20.0), (3, None), (1, 20.0), (1, None)])
-def test_each_value_lies_where_the_axes_say(volume_of, slices, row_pitch_mm):
-    with volume_of(slices, row_pitch_mm) as file:
+def test_each_value_lies_where_the_axes_say(tmp_path, rng, slices, row_pitch_mm):
+    with volume_of(tmp_path, rng, slices, row_pitch_mm) as file:
         data = file["entry/data"]
         along, x_mm, y_mm = (data[axis][()] for axis in data.attrs["axes"])
         seen, written = seen_by_vtk(file, "attenuation"), data["data"]
@@ -206,23 +190,23 @@ def test_each_value_lies_where_the_axes_say(volume_of, slices, row_pitch_mm):
             assert seen[x_mm[i], y_mm[j], along[n]] == value
 
 
-def test_its_axes_are_right_handed(volume_of):
+def test_its_axes_are_right_handed(tmp_path, rng):
     # Others are placed as well, but drawn from behind.
-    with volume_of(3) as file:
+    with volume_of(tmp_path, rng, 3) as file:
         assert np.linalg.det(file["VTKHDF"].attrs["Direction"].reshape(3, 3)) == pytest.approx(1.0)
 
 
 # VTK takes an image of one slice from two axes.
 @pytest.mark.parametrize(("slices", "shape"), [(3, (3, 6, 4)), (1, (6, 4))])
-def test_nothing_is_stored_twice(volume_of, slices, shape):
-    with volume_of(slices) as file:
+def test_nothing_is_stored_twice(tmp_path, rng, slices, shape):
+    with volume_of(tmp_path, rng, slices) as file:
         for values in file["VTKHDF/PointData"].values():
             assert (values.shape, values.is_virtual) == (shape, True)
         assert file["entry/data/data"] == file["entry/reconstruction/data"]
 
 
-def test_the_reader_recognises_the_group(volume_of):
-    with volume_of(3) as file:
+def test_the_reader_recognises_the_group(tmp_path, rng):
+    with volume_of(tmp_path, rng, 3) as file:
         attributes = file["VTKHDF"].attrs
         # It takes texts of fixed length only.
         assert attributes.get_id("Type").dtype == np.dtype("S9")

@@ -270,7 +270,6 @@ def test_unit_is_taken_from_the_name(name, unit):
 def test_failure_leaves_nothing_and_keeps_the_older_file(tmp_path):
     path = tmp_path / "result.h5"
     path.write_bytes(b"older")
-
     with pytest.raises(ZeroDivisionError), whole_hdf5(path) as file:
         file["data"] = [1 // 0]
     assert [(p.name, p.read_bytes()) for p in tmp_path.iterdir()] == [("result.h5", b"older")]

@@ -1,8 +1,4 @@
-"""A real Chromium in front of the service on a real socket.
-
-The browser is Debian's, driven by Playwright. It stays open from one test to the next one that uses it. Such tests do
-not use `asyncio.run` (and so not the `client` of the other tests): Playwright's loop runs in the same thread.
-"""
+"""Debian's Chromium before the service: its loop runs in the tests' thread, which so can use no `asyncio.run`."""
 
 import shutil
 import threading

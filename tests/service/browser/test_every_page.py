@@ -31,7 +31,6 @@ REACHABLE = """() => [...document.querySelectorAll('main a[href], main button, m
 
 
 def misfits(page: Page, name: str, width: int, colours: str) -> list[str]:
-    """What is wrong with an open page in a window of this width."""
     page.set_viewport_size({"width": width, "height": 844})
     shot(page, f"{name}-{width}-{colours}")
     return [f"{page.url} at {width} px: {each}" for each in (overflowing(page) + small_targets(page))]

@@ -55,7 +55,6 @@ def test_two_people_see_one_result_and_an_ended_session_loses_no_answer(site, st
     hers, his = (site.open(result, locale=locale) for locale in ("en-GB", "fi-FI"))
     log_in(hers, "Key", anna.secret)
     log_in(his, "Avain", bert.secret)
-
     # He is about to discard it when his session ends: nothing is changed, and his reason is still there.
     his.get_by_text("Hylkää", exact=True).click()
     his.get_by_label("Muu syy:").check()
@@ -68,7 +67,6 @@ def test_two_people_see_one_result_and_an_ended_session_loses_no_answer(site, st
     log_in(his, "Avain", TOKEN)
     expect(his.get_by_label("Muu syy", exact=True)).to_have_value("tukki heilui")
     expect(his.get_by_label("Muu syy:")).to_be_checked()
-
     # She accepts it: his page follows, and names her. A second click would have changed nothing.
     accept_all_the_same(hers)
     expect(hers.get_by_text("This is the active calibration")).to_be_visible()
@@ -85,7 +83,6 @@ def test_two_people_see_one_result_and_an_ended_session_loses_no_answer(site, st
     number = store.events.newest_number()
     store.calibrations.activate(newer, "a second click")
     assert store.events.newest_number() == number
-
     # A file that is dropped after the session's end is answered in her language, with the way back.
     hers.goto("/calibrate?scanner=example")
     hers.get_by_label("Choose the phantom's scan").set_input_files({"name": "a.h5", "mimeType": "", "buffer": b""})

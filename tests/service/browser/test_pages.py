@@ -22,12 +22,10 @@ pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("seeded")]
 
 
 def ask(store) -> str:
-    """A plan's job."""
     return store.plans.accept(PlanRequest(scanner_id="example"), given={"phantom_id": "l-shape"}).job_id
 
 
 def seen(page: Page, *, yes: bool) -> None:
-    """As when another tab comes before this one, or goes."""
     hidden = "false" if yes else "true"
     page.evaluate(f"Object.defineProperty(document, 'hidden', {{configurable: true, get: () => {hidden}}})")
     page.evaluate("document.dispatchEvent(new Event('visibilitychange'))")
@@ -152,7 +150,6 @@ def test_jobs_are_followed_and_cancelled_and_keys_end(site, store, worker):
     page.get_by_role("button", name="Yes, cancel it").click()
     expect(page.get_by_text("0 jobs run, 0 wait.")).to_be_visible()
     expect(page.get_by_text("Cancelled", exact=True).last).to_be_visible()
-
     page.goto("/system")
     page.get_by_text("Make a key", exact=True).click()
     page.get_by_label("Whose it is").fill("line 2")
@@ -233,7 +230,6 @@ def test_a_calibration_is_compared_accepted_and_rolled_back(site, store, newer):
     page.mouse.up()
     assert (split(page), overflowing(page)) == (pytest.approx(75, abs=1), [])
     shot(page, "scanner-story-390")
-
     # Nothing has compared it with the one in use: accepting is not the next step, and asks once.
     sure = page.get_by_role("button", name="Yes, accept it")
     expect(sure).to_be_hidden()
@@ -241,7 +237,6 @@ def test_a_calibration_is_compared_accepted_and_rolled_back(site, store, newer):
     sure.click()
     expect(page.get_by_text("This is the active calibration")).to_be_visible()
     assert store.scanners.get("example").active_calibration_id == newer
-
     # Rolling back asks once, and says what will happen.
     really = page.get_by_role("button", name="Yes, roll back")
     expect(really).to_be_hidden()
@@ -268,7 +263,6 @@ def test_values_schedules_and_settings(site, store):
     assert "calibration" in chart.get_attribute("aria-valuetext")
     page.locator(".values use").nth(0).hover(force=True)
     expect(readout).to_contain_text("Rays moved")
-
     page.get_by_text("Add a schedule").click()
     page.get_by_label("Days", exact=True).select_option("Every Monday")
     page.get_by_label("Time of day").fill("04:15")
@@ -281,7 +275,6 @@ def test_values_schedules_and_settings(site, store):
     mine.get_by_role("button", name="Delete this schedule").click()
     expect(page.get_by_role("heading", name="Schedules")).to_be_visible()
     expect(page.locator(".entries li").filter(has_text="Every Monday")).to_have_count(0)
-
     page.get_by_text("Change the settings").click()
     page.get_by_label("Name").fill("Line 7")
     page.get_by_label("Source to turning axis").fill("-859")

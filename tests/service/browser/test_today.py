@@ -29,25 +29,19 @@ def stream_times():
     return StreamTimes(lost_s=0.4, access_s=0.2)
 
 
-@pytest.fixture
-def check(store, worker):
-    """A drift check with this outcome."""
-
-    def add(**changes):
-        store.drifts.accept(DriftRequest(scan_id="example"))
-        worker.finish_drift(**changes)
-
-    return add
+def check(store, worker, **changes):
+    store.drifts.accept(DriftRequest(scan_id="example"))
+    worker.finish_drift(**changes)
 
 
-def test_a_scanner_goes_red_and_the_service_dies_and_comes_back(browser, serve, check):
+def test_a_scanner_goes_red_and_the_service_dies_and_comes_back(browser, serve, store, worker):
     with serve(0) as port:
         page = browser.new_page(base_url=f"http://127.0.0.1:{port}", viewport={"width": 800, "height": 900})
         page.goto("/")
         expect(page.get_by_role("heading", level=1)).to_have_text("1 fine, 1 needs you")
         example = page.locator("#scanner-example")
         page.get_by_role("link", name="Calibrate Line <2>").last.focus()
-        check(**OUT)
+        check(store, worker, **OUT)
         expect(example).to_contain_text("Out of tolerance")
         expect(page.get_by_role("heading", level=1)).to_have_text("0 fine, 2 need you, 1 of them red")
         expect(page).to_have_title("(1 red + 1) Today · Sawmill calibration")
@@ -58,31 +52,30 @@ def test_a_scanner_goes_red_and_the_service_dies_and_comes_back(browser, serve, 
     expect(page.get_by_role("alert")).to_contain_text("The service does not answer")
     expect(example).to_be_visible()
     shot(page, "today-silent-800")
-    check()  # while nobody listens
+    check(store, worker)  # while nobody listens
     with serve(port):
         expect(page.get_by_role("alert")).to_be_hidden()
         expect(example).to_contain_text("Fine")
-        check(**OUT)
+        check(store, worker, **OUT)
         expect(example).to_contain_text("Out of tolerance")
         page.context.close()
 
 
-def test_rows_that_do_not_come_leave_it_grey_and_older_ones_never_come_last(site, check):
+def test_rows_that_do_not_come_leave_it_grey_and_older_ones_never_come_last(site, store, worker):
     page = site.open()
     example = page.locator("#scanner-example")
     page.route("**/today/rows", lambda route: route.fulfill(status=503), times=1)
-    check(**OUT)
+    check(store, worker, **OUT)
     expect(page.get_by_role("alert")).to_contain_text("The service does not answer")
     expect(example).to_contain_text("Fine")
     expect(page.get_by_role("alert")).to_be_hidden()
     assert "Out of tolerance" in example.text_content()
-
     held = []
     page.route("**/today/rows", lambda route: held.append((route, route.fetch())), times=1)
-    check()
+    check(store, worker)
     while not held:
         page.wait_for_timeout(10)
-    check(**OUT)
+    check(store, worker, **OUT)
     page.wait_for_timeout(800)  # the newer rows would be there by now
     [(route, older)] = held
     route.fulfill(response=older)
@@ -90,7 +83,7 @@ def test_rows_that_do_not_come_leave_it_grey_and_older_ones_never_come_last(site
     expect(example).to_contain_text("Out of tolerance")
 
 
-def test_fifty_scanners_fit_and_one_is_found_by_its_name(site, store, check):
+def test_fifty_scanners_fit_and_one_is_found_by_its_name(site, store, worker):
     spec = store.scanners.get("example")
     for number in range(48):
         store.scanners.create(ScannerSpec(name=f"Mill {number}", constants=spec.constants))
@@ -102,7 +95,7 @@ def test_fifty_scanners_fit_and_one_is_found_by_its_name(site, store, check):
     page.get_by_label("Find a scanner by its name").fill("line <2>")
     expect(example).to_be_visible()
     expect(page.get_by_text("Mill 7", exact=True)).to_be_hidden()
-    check(**OUT)
+    check(store, worker, **OUT)
     expect(page.locator("#scanners").locator("#scanner-example")).to_contain_text("Out of tolerance")
     expect(page.locator("#fold-fine")).to_be_hidden()
     expect(page.get_by_text("Mill 7", exact=True)).to_be_hidden()
@@ -136,7 +129,6 @@ def test_an_alarm_is_acknowledged_with_two_touches_and_comes_back_at_its_time(si
     expect(page.get_by_text("Kuitattu").first).to_contain_text("Huolto")
     (alarm,) = store.alarms.open()
     assert alarm.acknowledged.until.astimezone(ZoneInfo("Asia/Tokyo")).hour in {6, 14, 22}
-
     store.alarms.acknowledge("example", AlarmKind.NO_PHANTOM_SCAN, store.now() + timedelta(seconds=4), "huolto")
     page.goto("/")
     example = page.locator("#scanner-example")
@@ -146,14 +138,14 @@ def test_an_alarm_is_acknowledged_with_two_touches_and_comes_back_at_its_time(si
 
 
 @pytest.mark.parametrize("settings", [ServiceSettings(token=TOKEN, event_poll_s=0.05)], ids=["with-a-token"])
-def test_a_display_follows_until_its_key_ends(site, store, check):
+def test_a_display_follows_until_its_key_ends(site, store, worker):
     key = store.keys.create(KeyRequest(name="display", scope=Scope.READ, display=True))
     page = site.open()
     page.get_by_label("Key", exact=True).fill(key.secret)
     page.get_by_role("button", name="Log in").click()
     expect(page.locator(".scanner")).to_have_count(2)
     expect(page.locator(".scanner .button")).to_have_count(0)
-    check(**OUT)
+    check(store, worker, **OUT)
     expect(page.locator("#scanner-example")).to_contain_text("Out of tolerance")
     page.goto("/?kiosk")
     red = page.locator("#scanner-example")

@@ -10,10 +10,10 @@ from page_checks import overflowing, shot, small_targets
 from PIL import Image
 from playwright.sync_api import Page, Route, expect
 from results import written_by_its_job
+from scan_files import new_volume
 
 from sawmill_contracts import kinds
 from sawmill_contracts.reconstructions import ReconstructionRequest
-from sawmill_formats.output.volume_writer import new_reconstruction
 from sawmill_store.mill_tables import ReconstructionRow
 
 SIDE, PIXEL_MM = 32, 12.5
@@ -50,11 +50,9 @@ def asymmetric(slices: int) -> np.ndarray:
 
 
 def put_volume(store, log_id: str, volume: np.ndarray, *, row_pitch_mm: float, first_slice_mm: float) -> None:
-    """In place of the log's own, with its shape in the stored result."""
     path = store.files.results(kinds.RECONSTRUCT, log_id) / "volume.h5"
-    placed = {"pixel_mm": PIXEL_MM, "row_pitch_mm": row_pitch_mm, "first_slice_mm": first_slice_mm, "unit": "1/mm"}
-    unknown = {"geometry": {}, "parameters": {}, "software_version": "0", "input_sha256": "0" * 64}
-    with new_reconstruction(path, volume.shape, **placed, **unknown) as file:
+    placed = {"pixel_mm": PIXEL_MM, "row_pitch_mm": row_pitch_mm, "first_slice_mm": first_slice_mm}
+    with new_volume(path, volume.shape, **placed) as file:
         file.write(0, volume)
     written_by_its_job(store, path)
     with store.database.write() as session:
@@ -82,19 +80,13 @@ def pixels(page: Page) -> np.ndarray:
 
 
 def hover(page: Page, row: int, column: int, pane: int = 0) -> None:
-    """Point at the middle of a pixel."""
     box = page.locator(".pane canvas").nth(pane).bounding_box()
     page.mouse.move(box["x"] + box["width"] * (column + 0.5) / SIDE, box["y"] + box["height"] * (row + 0.5) / SIDE)
 
 
 def readout(page: Page, pane: int = 0) -> tuple[float, float, float]:
-    """x and y in mm, and the value."""
     text = page.locator(".readout").nth(pane).inner_text()
     return tuple(float(number) for number in re.search(r"x (\S+) mm, y (\S+) mm: (\S+) 1/mm", text).groups())
-
-
-def fetched_png(page: Page, query: str) -> np.ndarray:
-    return np.asarray(Image.open(io.BytesIO(page.request.get(f"{LOG}/slices/{query}").body())))
 
 
 def test_slices_are_looked_at_with_mouse_and_keys(site, logs):
@@ -102,7 +94,7 @@ def test_slices_are_looked_at_with_mouse_and_keys(site, logs):
     volume = logs["example"]
     shows(page, 15)
     # As the service's own picture of the values, whose row is +x and whose column is +y.
-    drawn = fetched_png(page, "15.png?bits=16") / 257
+    drawn = np.asarray(Image.open(io.BytesIO(page.request.get(f"{LOG}/slices/15.png?bits=16").body()))) / 257
     seen = pixels(page)
     assert np.abs(seen[..., 0] - drawn).max() <= 0.51  # rounded to 8 bits
     assert (seen[..., 0] == seen[..., 2]).all()

@@ -28,11 +28,7 @@ SEEN = np.array([1.0, 25.0])
 A_DAY = 2000
 
 
-def nowhere(_days):
-    return 0.0
-
-
-def looks(seed, number, moved=nowhere, *, outliers=0.01, larger=1.0):
+def looks(seed, number, moved=lambda _days: 0.0, *, outliers=0.01, larger=1.0):
     """A day has 2 000; each has its own covariance, and some have an error of fifteen standard deviations and more."""
     rng = np.random.default_rng(seed)
     for k in range(number):
@@ -45,7 +41,6 @@ def looks(seed, number, moved=nowhere, *, outliers=0.01, larger=1.0):
 
 
 def charted(given, chart=None):
-    """The chart at the first alarm, or at the end."""
     chart = chart or DriftChart()
     for look in given:
         chart = chart.with_look(look)
@@ -272,7 +267,6 @@ NOISE = np.random.default_rng(4)
 
 
 def scattering(*ratio):
-    """As an endless history has shown."""
     return LookSpread(10**12, 1e12 * np.diag(ratio), np.zeros(2), np.eye(2))
 
 

@@ -79,30 +79,25 @@ SMALL, FIELD_MM, NOISE = 48, 400.0, 0.05
 SETTINGS = {"non_negative": True, "iterations": 200, "tolerance": 1e-5}
 
 
-@pytest.fixture
-def scanned(irregular_turn):
+def scanned(irregular_turn, radius_mm):
     """Two scans of a log: the objective, the support region and first images on it."""
-
-    def make(radius_mm):
-        geometry = FanBeamGeometry(
-            Scanner(860.0, 3 * SMALL, 1000.0 / (3 * SMALL)),
-            Theta(0.7, 700.0, 150.0, 60.0, 0.15),
-            irregular_turn(15, 1201),
-        )
-        projector = Projector(geometry, ImageGrid(SMALL, FIELD_MM))
-        log = Phantom("log with a core", (Disc((5.0, -8.0), radius_mm, 0.018), Disc((0.0, 0.0), 30.0, 0.006)))
-        lines = projector.block(np.stack([simulate_sinogram(log, geometry, noise=0.02, seed=n) for n in (1, 2)]))
-        # Convex: there is one lowest value, whatever the way.
-        prior = TotalVariationPrior(np.full(2, 4e-4), np.full(2, 1000.0), np.full(2, 0.02))
-        objective = Objective(projector, lines, np.full(lines.shape, 1.0 / NOISE**2, np.float32), prior)
-        support = SupportRegion.of(projector, lines)
-        return objective, support, mean_along_rays(support.projector, lines)
-
-    return make
+    geometry = FanBeamGeometry(
+        Scanner(860.0, 3 * SMALL, 1000.0 / (3 * SMALL)),
+        Theta(0.7, 700.0, 150.0, 60.0, 0.15),
+        irregular_turn(15, 1201),
+    )
+    projector = Projector(geometry, ImageGrid(SMALL, FIELD_MM))
+    log = Phantom("log with a core", (Disc((5.0, -8.0), radius_mm, 0.018), Disc((0.0, 0.0), 30.0, 0.006)))
+    lines = projector.block(np.stack([simulate_sinogram(log, geometry, noise=0.02, seed=n) for n in (1, 2)]))
+    # Convex: there is one lowest value, whatever the way.
+    prior = TotalVariationPrior(np.full(2, 4e-4), np.full(2, 1000.0), np.full(2, 0.02))
+    objective = Objective(projector, lines, np.full(lines.shape, 1.0 / NOISE**2, np.float32), prior)
+    support = SupportRegion.of(projector, lines)
+    return objective, support, mean_along_rays(support.projector, lines)
 
 
-def test_the_support_region_first_leads_as_low_as_the_full_grid_at_once(scanned):
-    objective, support, start = scanned(80.0)
+def test_the_support_region_first_leads_as_low_as_the_full_grid_at_once(irregular_turn):
+    objective, support, start = scanned(irregular_turn, 80.0)
     assert support.is_small
     in_turn = descend_from_support(objective, support, start, **SETTINGS, usual=40)
     at_once = descend(objective, support.embedded(start), **SETTINGS)
@@ -116,8 +111,8 @@ def test_the_support_region_first_leads_as_low_as_the_full_grid_at_once(scanned)
     assert (in_turn.images.max(axis=(1, 2)) > 0.0).all()
 
 
-def test_a_log_that_fills_the_field_is_solved_for_on_the_full_grid_at_once(scanned):
-    objective, support, start = scanned(150.0)
+def test_a_log_that_fills_the_field_is_solved_for_on_the_full_grid_at_once(irregular_turn):
+    objective, support, start = scanned(irregular_turn, 150.0)
     assert not support.is_small
     in_turn = descend_from_support(objective, support, start, **SETTINGS, usual=40)
     at_once = descend(objective, support.embedded(start), **SETTINGS)
@@ -125,8 +120,8 @@ def test_a_log_that_fills_the_field_is_solved_for_on_the_full_grid_at_once(scann
     assert in_turn.iterations.tolist() == at_once.iterations.tolist()
 
 
-def test_both_descents_together_keep_to_the_iterations(scanned):
-    objective, support, start = scanned(80.0)
+def test_both_descents_together_keep_to_the_iterations(irregular_turn):
+    objective, support, start = scanned(irregular_turn, 80.0)
     found = descend_from_support(objective, support, start, **SETTINGS | {"iterations": 9}, usual=40)
     assert found.iterations.tolist() == [9, 9]
     assert not found.converged.any()
@@ -137,8 +132,8 @@ def test_both_descents_together_keep_to_the_iterations(scanned):
 
 
 @pytest.mark.parametrize("radius_mm", [80.0, 150.0])
-def test_the_share_of_the_work_only_rises(scanned, radius_mm):
-    objective, support, start = scanned(radius_mm)
+def test_the_share_of_the_work_only_rises(irregular_turn, radius_mm):
+    objective, support, start = scanned(irregular_turn, radius_mm)
     reported = []
     descend_from_support(objective, support, start, **SETTINGS, usual=40, on_progress=reported.append)
     assert reported == sorted(reported)

@@ -1,7 +1,4 @@
-"""The simulated mill: exact where nothing is wrong, and each effect changes what it should and nothing else.
-
-64 cells of 18 mm and few views suffice: the laws are exact. Chords through wood of 0.01 per mm.
-"""
+"""The simulated mill: exact where nothing is wrong, and each effect changes what it should and nothing else."""
 
 from typing import Any
 
@@ -188,10 +185,7 @@ def test_an_exposure_is_the_mean_of_the_views_in_it(scan):
 
 @pytest.mark.parametrize("kind", ["detector", "beam"])
 def test_blur_is_a_gaussian_on_the_detector(scan, kind):
-    """4 mm on cells of 4.5 mm, as wide as the filter of 8 rays a cell; 32 rays leave 0.02 at an edge.
-
-    The spot's image has that width for the rotation centre alone: by a fifth more or less at the phantom's corners.
-    """
+    """The spot's image is 4 mm wide for the centre alone: by a fifth more or less at the phantom's corners."""
     effects = (
         {"detector": DetectorEffects(blur_mm=4.0)} if kind == "detector" else {"beam": BeamEffects(focal_blur_mm=4.0)}
     )

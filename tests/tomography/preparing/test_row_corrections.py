@@ -22,7 +22,6 @@ NOISE = 0.005
 
 @pytest.fixture(scope="module")
 def clean(scanner, theta, full_turn):
-    """Line integrals (views, rows, cells) of a log."""
     geometry = FanBeamGeometry(scanner, theta, full_turn(VIEWS))
     log, cells = LogModel.random(51), DetectorCells.of(scanner)
     rows = [

@@ -61,7 +61,6 @@ def aligned(stack, shifts):
 
 
 def even(mass):
-    """Row sums of a log on the rotation axis."""
     return RowMoments(mass, np.zeros_like(mass))
 
 

@@ -74,7 +74,6 @@ def command() -> list[str]:
 
 @pytest.fixture
 def queue(store: Store) -> Callable[..., Job]:
-    """Queue a job that behaves as asked."""
     scanner = store.scanners.create(ScannerSpec.model_validate(SCANNER_SPEC))
 
     def accept(behaviour: str, *, priority: Priority = Priority.INTERACTIVE, short: bool = True) -> Job:
@@ -168,7 +167,6 @@ def program(attempts: Callable[..., Starter], command: list[str]) -> LendingProg
 
 @pytest.fixture
 def starter(settings: ExecutionSettings, attempts: Callable[..., Starter]) -> Starter:
-    """Of the fixture `runner`."""
     return attempts(settings)
 
 
@@ -182,7 +180,6 @@ def runner(store: Store, settings: ExecutionSettings, stop: threading.Event, sta
 def start(
     store: Store, settings: ExecutionSettings, stop: threading.Event, attempts: Callable[..., Starter]
 ) -> Iterator[Callable[..., Runner]]:
-    """Make a runner with settings of its own, or on a store, or with a starter of its own."""
     with ExitStack() as made:
 
         def begin(on: Store = store, starter: AttemptStarter | None = None, **changed: Any) -> Runner:
@@ -200,8 +197,6 @@ def in_background() -> Iterator[Callable[..., Future[Any]]]:
 
 @pytest.fixture
 def talk(store: Store, queue: Callable[..., Job], in_background: Callable[..., Any]) -> Callable[[Runner], Any]:
-    """Let a runner do a job that talks for ten minutes; give the job, its outcome to come and its process."""
-
     def begin(runner: Runner) -> tuple[Job, Future[Any], int]:
         job, outcome = queue("talk"), in_background(runner.run_next)
         wait_until(lambda: any(store.files.folder.glob("attempts/*/pid")))

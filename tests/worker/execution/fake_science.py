@@ -85,7 +85,6 @@ def work_on_and_die(attempt: Attempt) -> dict[str, Any]:
 
 
 def keep_and_succeed(attempt: Attempt) -> dict[str, Any]:
-    """With a checkpoint that nobody has taken yet."""
     attempt.checkpoints.mkdir()
     for number in range(50):
         (attempt.checkpoints / f"steps-{number}").write_text("many")
@@ -158,7 +157,6 @@ def end_by(number: signal.Signals) -> Behaviour:
 
 
 def burn(_: Attempt) -> dict[str, Any]:
-    """As after an hour: the time that is left is shortened to a moment."""
     used = resource.getrusage(resource.RUSAGE_SELF)
     _, hard = resource.getrlimit(resource.RLIMIT_CPU)
     resource.setrlimit(resource.RLIMIT_CPU, (int(used.ru_utime + used.ru_stime) + 1, hard))
@@ -180,7 +178,6 @@ def share_memory(attempt: Attempt) -> dict[str, Any]:
 
 
 def start_a_thread(_: Attempt) -> dict[str, Any]:
-    """With a stack that there is no room for."""
     threading.stack_size(2**30)
     threading.Thread(target=print).start()
     return {}
@@ -210,14 +207,12 @@ def tell_all(attempt: Attempt) -> dict[str, Any]:
 
 
 def write_process_id(attempt: Attempt) -> None:
-    """Into the file `pid`, which is whole when it is there."""
     begun = attempt.output / "pid.part"
     begun.write_text(str(os.getpid()))
     begun.rename(attempt.output / "pid")
 
 
 def talk(attempt: Attempt) -> dict[str, Any]:
-    """For ten minutes."""
     write_process_id(attempt)
     for step in range(6000):
         attempt.report(Progress(fraction=step / 6000, stage="search", generation=step))
@@ -226,21 +221,18 @@ def talk(attempt: Attempt) -> dict[str, Any]:
 
 
 def hang(_: Attempt) -> dict[str, Any]:
-    """Without a word, and deaf to SIGTERM."""
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     time.sleep(600)
     return {}
 
 
 def loop(_: Attempt) -> dict[str, Any]:
-    """As a library does on a damaged file: with a core, and deaf to SIGTERM."""
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     while True:
         pass
 
 
 def hang_once(attempt: Attempt) -> dict[str, Any]:
-    """In the middle of its first attempt."""
     if attempt.job.attempt == 1:
         attempt.report(Progress(fraction=0.5, stage="prepare"))
         return hang(attempt)
@@ -248,7 +240,6 @@ def hang_once(attempt: Attempt) -> dict[str, Any]:
 
 
 def repeat(attempt: Attempt) -> dict[str, Any]:
-    """Say the same for ten minutes."""
     for second in range(6000):
         attempt.report(Progress(fraction=0.5, stage="search", seconds_left=6000 - second))
         time.sleep(0.1)
@@ -256,14 +247,12 @@ def repeat(attempt: Attempt) -> dict[str, Any]:
 
 
 def freeze(attempt: Attempt) -> dict[str, Any]:
-    """As by a debugger or a frozen container."""
     write_process_id(attempt)
     os.kill(os.getpid(), signal.SIGSTOP)
     return {}
 
 
 def creep(attempt: Attempt) -> dict[str, Any]:
-    """For four seconds, and ever a little further."""
     for step in range(20):
         attempt.report(Progress(fraction=step / 1e6, stage="search"))
         time.sleep(0.2)
@@ -286,7 +275,6 @@ def write_to_worker(data: bytes) -> None:
 
 
 def answer_and_stay(attempt: Attempt) -> dict[str, Any]:
-    """For ten minutes, deaf to SIGTERM."""
     result = succeed(attempt)
     work_of(attempt.output).rmdir()
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
@@ -295,8 +283,6 @@ def answer_and_stay(attempt: Attempt) -> dict[str, Any]:
 
 
 def writing(pieces: Iterable[bytes]) -> Behaviour:
-    """Write past the protocol, and stay."""
-
     def behaviour(attempt: Attempt) -> dict[str, Any]:
         for piece in pieces:
             write_to_worker(piece)
@@ -351,7 +337,6 @@ def needs_of(_: Attempt) -> Needs:
 
 
 def check(attempt: Attempt, answer: dict[str, Any]) -> None:
-    """Check a file as the product does."""
     kind, given = attempt.job.kind, attempt.given
     check_file(kind, given, results.answer_of(kind, answer), given.file)
 

@@ -210,7 +210,6 @@ def test_a_sweep_without_redis_is_put_off_and_one_that_refuses_the_password_is_n
 
 
 def reasons_of_sweeps(store, settings, broker_url):
-    """The log of a worker that has tried several times to sweep."""
     settings = settings.model_copy(update={"broker_url": broker_url, "sweep_s": 1e-9, "housekeeping_s": 0.01})
     app = make_celery(settings)
     rounds = iter([False, False, False, True])

@@ -38,7 +38,6 @@ def stack_of_an_l() -> bytes:
 
 @pytest.fixture
 def asked(store):
-    """One of each kind, and a reconstruction by every method."""
     store.phantoms.seed_built_in(BUILT_IN_PHANTOMS)
     scanner = store.scanners.create(ScannerSpec(name="Line 2", constants=CONSTANTS)).id
     spec = ScanSpec(scanner_id=scanner, data=DataKind.LINE_INTEGRALS, angles_deg="1.5:3", phantom_id="l-shape")

@@ -32,21 +32,15 @@ from sawmill_vocabulary import DataKind
 pytestmark = pytest.mark.slow
 
 
-@pytest.fixture
 def finish(store):
-    """Do the oldest job without a process."""
-
-    def do():
-        claim = store.jobs.claim("test")
-        output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
-        (output / SCAN_FILE).touch()
-        store.jobs.succeed(claim, answer_of(claim.job.kind, RESULTS[claim.job.kind]()), output)
-
-    return do
+    claim = store.jobs.claim("test")
+    output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
+    (output / SCAN_FILE).touch()
+    store.jobs.succeed(claim, answer_of(claim.job.kind, RESULTS[claim.job.kind]()), output)
 
 
 @pytest.fixture
-def one_of_each(store, finish):
+def one_of_each(store):
     """A waiting job of every kind, all of which tell what they have and reach."""
     store.phantoms.seed_built_in(BUILT_IN_PHANTOMS)
     scanner = store.scanners.create(ScannerSpec.model_validate(SCANNER_SPEC | {"name": "tell-all"})).id
@@ -56,9 +50,9 @@ def one_of_each(store, finish):
         return store.files.receive([b"tell-all"], max_bytes=100)
 
     scan = store.scans.accept(spec, upload()).id
-    finish()
+    finish(store)
     calibration = store.calibrations.accept(CalibrationRequest(scan_id=scan, activate=True)).id
-    finish()
+    finish(store)
     store.scans.accept(spec, upload(), scan_id="mine")
     store.phantoms.accept_picture(PhantomPicture(name="ell", width_mm=400), upload())
     store.calibrations.accept(CalibrationRequest(scan_id=scan))

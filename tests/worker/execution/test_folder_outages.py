@@ -48,24 +48,19 @@ def test_a_worker_waits_for_its_folder_says_so_once_and_does_the_job_then(
     assert (ended.state, ended.attempt, ended.losses) == (JobState.SUCCEEDED, 1, 0)
 
 
-@pytest.fixture
-def waits(store, runner):
+def waits(store, runner, job):
     """Do a job that then waits for the data folder, without a loss; give the detail and the attempts that it had."""
-
-    def of(job, runner=runner):
-        assert runner.run_next() is JobState.QUEUED
-        waiting = store.jobs.get(job.id)
-        assert (waiting.waiting_for.code, waiting.losses) == ("storage-unavailable", 0)
-        return waiting.waiting_for.detail, waiting.attempt
-
-    return of
+    assert runner.run_next() is JobState.QUEUED
+    waiting = store.jobs.get(job.id)
+    assert (waiting.waiting_for.code, waiting.losses) == ("storage-unavailable", 0)
+    return waiting.waiting_for.detail, waiting.attempt
 
 
-def test_a_job_whose_file_is_missing_waits_until_it_is_back(store, runner, waits, queue):
+def test_a_job_whose_file_is_missing_waits_until_it_is_back(store, runner, queue):
     job = queue("succeed")
     file = store.files.upload(job.kind, job.subject_id)
     file.rename(file.with_name("aside"))
-    assert f"lacks the file 'uploads/scans/{job.subject_id}/original'" in waits(job)[0]
+    assert f"lacks the file 'uploads/scans/{job.subject_id}/original'" in waits(store, runner, job)[0]
     file.with_name("aside").rename(file)
     assert runner.run_next() is JobState.SUCCEEDED
 
@@ -92,7 +87,7 @@ def test_housekeeping_says_once_that_a_disk_is_read_only(store, settings, stop):
 
 
 @pytest.mark.parametrize(("call", "said"), [("os.mkdir", 0), ("os.rename", 1)])
-def test_a_disk_that_becomes_read_only_costs_no_loss(store, runner, waits, stop, queue, call, said):
+def test_a_disk_that_becomes_read_only_costs_no_loss(store, runner, stop, queue, call, said):
     """What was computed waits while the disk can be read, which is said once; a stopping worker gives it back."""
     refuse, asked = refusing(errno.EROFS), []
 
@@ -104,7 +99,7 @@ def test_a_disk_that_becomes_read_only_costs_no_loss(store, runner, waits, stop,
 
     job = queue("succeed")
     with capture_logs() as log, at_call(call, refuse_and_stop_at_last, below=store.files.folder):
-        assert waits(job)[1] == 1
+        assert waits(store, runner, job)[1] == 1
     assert (len(asked) >= 3, [entry["event"] for entry in log].count("end-put-off")) == (bool(said), said)
     stop.clear()
     assert runner.run_next() is JobState.SUCCEEDED
@@ -136,20 +131,20 @@ class Away(Jobs):
 
 
 @pytest.mark.parametrize("when", ["after the claim", "under the supervisor", "before the check"])
-def test_a_folder_that_goes_costs_no_loss(store, start, store_with, runner, waits, queue, when):
+def test_a_folder_that_goes_costs_no_loss(store, start, store_with, runner, queue, when):
     class AwayThen(Away):
         folder, moment = store.files.folder, when
 
     job, folder = queue("succeed"), store.files.folder
-    waits(job, start(on=store_with(AwayThen)))
+    waits(store, start(on=store_with(AwayThen)), job)
     folder.rmdir()
     folder.with_name("mounted elsewhere").rename(folder)
     assert runner.run_next() is JobState.SUCCEEDED
 
 
 @pytest.mark.parametrize("behaviour", ["miss-its-folder", "miss-its-file"])
-def test_a_folder_that_was_away_for_a_moment_costs_no_loss(runner, waits, queue, behaviour):
-    waits(queue(behaviour))
+def test_a_folder_that_was_away_for_a_moment_costs_no_loss(store, runner, queue, behaviour):
+    waits(store, runner, queue(behaviour))
     assert runner.run_next() is JobState.SUCCEEDED
 
 

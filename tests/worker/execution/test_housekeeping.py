@@ -34,7 +34,6 @@ pytestmark = pytest.mark.slow
 
 @contextmanager
 def running(store, settings):
-    """Run housekeeping in its thread within the block."""
     stop = threading.Event()
     housekeeping = MillHousekeeping(store, settings, stop)
     housekeeping.start()
@@ -60,7 +59,6 @@ def test_it_sees_to_expired_leases_and_due_schedules(store, settings, queue):
 
 @pytest.fixture
 def seconds():
-    """A clock that stands still until it is moved."""
     return SimpleNamespace(now_s=1000.0)
 
 

@@ -20,7 +20,6 @@ VOLUME = "entry/reconstruction/data"
 
 @pytest.fixture
 def given(store, queue):
-    """Of a reconstruction of the one row of a scan."""
     job = queue("succeed")
     reading = results.answer_of(kinds.INGEST, results.reading())
     store.jobs.succeed(store.jobs.claim("test"), reading, store.files.make_attempt_folder(job.id, 1))

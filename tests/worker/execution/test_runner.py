@@ -180,8 +180,6 @@ def test_checkpoints_are_no_results(store, runner, queue):
 
 def test_a_result_comes_with_its_digest_and_the_lease_is_kept_while_it_is_taken(store, start, store_with, queue):
     class Looking(Jobs):
-        """Jobs whose results take long to look at."""
-
         def check_output(self, kind, result, folder):
             (pulse,) = store.jobs.pulses()
             wait_until(lambda: store.jobs.pulses()[0].beats >= pulse.beats + 3)
@@ -236,8 +234,6 @@ def test_a_result_is_published_once_its_process_is_gone(store, start, store_with
 
 
 def full_disk_at(**first):
-    """Jobs on a disk that is full when the first of these calls are to be written."""
-
     def refused(name):
         def call(jobs, *arguments, **options):
             if first[name]:

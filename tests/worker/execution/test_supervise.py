@@ -46,7 +46,6 @@ def mark(storage: StorageSettings, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def processes_of(folder: Path) -> list[int]:
-    """Every live process whose environment has this data folder's mark."""
     found = []
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit() and int(entry.name) != os.getpid():
@@ -141,14 +140,12 @@ def test_a_worker_that_cannot_start_is_tried_again_ever_more_slowly(storage, set
 
 
 def heard(supervisor: WorkerSupervisor) -> bool:
-    """Whether the first worker has reported that it works."""
     with suppress(BlockingIOError):
         return bool(supervisor._workers[0]._line.recv(1, socket.MSG_PEEK))
     return False
 
 
 def restarts(log):
-    """The events and waits of a log, without the warning that a start as root logs."""
     return [(entry["event"], entry.get("restart_in_s")) for entry in log if entry["event"] != "run-as-root"]
 
 

@@ -47,7 +47,6 @@ def impatient(store, start, command, settings):
 
 @pytest.fixture
 def template(starter):
-    """Of the fixture `runner`."""
     return starter.starter
 
 
@@ -104,7 +103,6 @@ def test_a_stopped_template_is_replaced(impatient, queue):
 
 
 def said(child):
-    """The progress that a child reports."""
     while not (messages := child.receive(60)):
         assert not child.hung_up
     return messages[0].progress
@@ -174,7 +172,6 @@ def test_a_fork_that_the_system_refuses_is_a_process_that_never_was():
 
 
 def small_calibration(store, folder):
-    """A scan of 20 views to read, and its calibration."""
     scanner = store.scanners.create(ScannerSpec(name="line", constants=ScannerConstants(**vars(examples.SCANNER))))
     examples.write_mill_stack(folder / "stack.h5", 20, examples.mill_slices(log_rows=1))
     spec = ScanSpec(

@@ -35,8 +35,6 @@ def store(tmp_path: Path, empty_data: Path) -> Iterator[Store]:
 
 @pytest.fixture
 def attempt(store: Store, tmp_path: Path) -> Callable[..., MillAttempt]:
-    """An attempt at the newest job of a kind, and what it reported."""
-
     def at(kind: JobKind, reported: list[Progress] | None = None) -> MillAttempt:
         (job,) = store.jobs.page(kind=kind, limit=1).items
         output = tmp_path / f"output-{job.id}"
@@ -51,8 +49,6 @@ def attempt(store: Store, tmp_path: Path) -> Callable[..., MillAttempt]:
 
 @pytest.fixture
 def finish(store: Store) -> Callable[[MillAttempt, dict[str, Any]], Job]:
-    """Commit what an attempt made."""
-
     def commit(attempt: MillAttempt, result: dict[str, Any]) -> Job:
         claim = store.jobs.claim("test")
         assert claim is not None
@@ -67,7 +63,6 @@ def finish(store: Store) -> Callable[[MillAttempt, dict[str, Any]], Job]:
 
 @pytest.fixture
 def send(store: Store, spec: Callable[..., ScannerSpec]) -> Callable[..., Scan]:  # noqa: F811
-    """Accept one array, or several by name, as a scan of one scanner's that is declared so."""
     store.scanners.create(spec(), scanner_id="line-2")
 
     def accept(content: NDArray[Any] | dict[str, NDArray[Any]], **declared: Any) -> Scan:
@@ -81,7 +76,6 @@ def send(store: Store, spec: Callable[..., ScannerSpec]) -> Callable[..., Scan]:
 
 @pytest.fixture
 def upload(send: Callable[..., Scan]) -> Callable[[NDArray[np.float64], str], Scan]:
-    """Accept a stack (views, rows, detector) of line integrals."""
     return lambda stack, angles_deg: send(
         stack, data=DataKind.LINE_INTEGRALS, angles_deg=angles_deg, phantom_id="l-shape"
     )
@@ -89,8 +83,6 @@ def upload(send: Callable[..., Scan]) -> Callable[[NDArray[np.float64], str], Sc
 
 @pytest.fixture
 def ingest(attempt: Callable[..., MillAttempt], finish: Callable[[MillAttempt, dict[str, Any]], Job]) -> Callable:
-    """Read the newest upload, and give it back."""
-
     def read(scan: Scan) -> Scan:
         reading = attempt(kinds.INGEST)
         finish(reading, run(reading))
@@ -103,14 +95,11 @@ def ingest(attempt: Callable[..., MillAttempt], finish: Callable[[MillAttempt, d
 def ingested(
     upload: Callable[[NDArray[np.float64], str], Scan], ingest: Callable[[Scan], Scan]
 ) -> Callable[[NDArray[np.float64], str], Scan]:
-    """The same, read and ready."""
     return lambda stack, angles_deg: ingest(upload(stack, angles_deg))
 
 
 @pytest.fixture
 def calibrating(store: Store, attempt: Callable[..., MillAttempt]) -> Callable[..., MillAttempt]:
-    """Ask for a calibration of a scan; its attempt."""
-
     def ask(scan: Scan, reported: list[Progress] | None = None, **options: Any) -> MillAttempt:
         store.calibrations.accept(CalibrationRequest(scan_id=scan.id, **options))
         return attempt(kinds.CALIBRATE, reported)
@@ -120,8 +109,6 @@ def calibrating(store: Store, attempt: Callable[..., MillAttempt]) -> Callable[.
 
 @pytest.fixture
 def reconstructing(store: Store, attempt: Callable[..., MillAttempt]) -> Callable[..., MillAttempt]:
-    """Ask for a reconstruction of a scan; its attempt."""
-
     def ask(scan: Scan, **options: Any) -> MillAttempt:
         store.reconstructions.accept(ReconstructionRequest(scan_id=scan.id, **options))
         return attempt(kinds.RECONSTRUCT)

@@ -1,6 +1,5 @@
 """Long jobs that are ended again and again, and go on where they were: on a real store, in this process."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from itertools import count
 from typing import Any
@@ -38,29 +37,24 @@ def hours_go_by(job: MillAttempt) -> MillAttempt:
     return replace(job, monotonic=map(float, count()).__next__)
 
 
-@pytest.fixture
-def run_killed(store, tmp_path) -> Callable[..., tuple[dict[str, Any], int]]:
+def run_killed(store, tmp_path, first: MillAttempt, announcements: int) -> tuple[dict[str, Any], int]:
     """Run a job; each attempt dies at an announcement of its progress, after a number of others."""
+    for number in range(1, 200):
+        output = tmp_path / f"killed-{first.job.id}-{number}"
+        output.mkdir()
+        left = iter(range(announcements))
 
-    def killed(first: MillAttempt, announcements: int) -> tuple[dict[str, Any], int]:
-        for number in range(1, 200):
-            output = tmp_path / f"killed-{first.job.id}-{number}"
-            output.mkdir()
-            left = iter(range(announcements))
+        def announce(names, output=output, left=left):
+            store.files.keep(output, first.job.id, names)
+            if next(left, None) is None:
+                raise Killed
 
-            def announce(names, output=output, left=left):
-                store.files.keep(output, first.job.id, names)
-                if next(left, None) is None:
-                    raise Killed
-
-            job = first.job.model_copy(update={"attempt": number + 1})
-            try:
-                return run(replace(first, job=job, output=output, announce=announce)), number - 1
-            except Killed:
-                continue
-        raise AssertionError("it made no progress")
-
-    return killed
+        job = first.job.model_copy(update={"attempt": number + 1})
+        try:
+            return run(replace(first, job=job, output=output, announce=announce)), number - 1
+        except Killed:
+            continue
+    raise AssertionError("it made no progress")
 
 
 def same(one, other):
@@ -69,16 +63,15 @@ def same(one, other):
 
 @pytest.fixture
 def search(ingested, calibrating, sinogram, turn):
-    """Ask for a published search of some 200 evaluations, its polish included."""
     scan = ingested(sinogram(turn(20))[:, None], "9:18")
     paper = PaperOptions(image_size=32, max_generations=1)
     return lambda: calibrating(scan, method=CalibrationMethod.PAPER, paper=paper, rows="0:1")
 
 
-def test_a_published_search_killed_again_and_again_finds_the_same_theta(search, run_killed):
+def test_a_published_search_killed_again_and_again_finds_the_same_theta(search, store, tmp_path):
     job = hours_go_by(search())
     whole = run(job)
-    result, deaths = run_killed(job, 4)
+    result, deaths = run_killed(store, tmp_path, job, 4)
     assert deaths > 3
     same(result, whole)
 
@@ -114,16 +107,11 @@ def test_progress_that_does_not_fit_is_passed_over(search, store, spec, monkeypa
     assert ("checkpoint-passed-over", "search") in [(line["event"], line.get("name")) for line in log]
 
 
-@pytest.fixture
-def volume(ingested, reconstructing, sinogram, turn, theta):
+def volume(ingested, reconstructing, sinogram, turn, theta, rows: int, **options: Any) -> MillAttempt:
     """Ask for a volume of a log that is dense here and thin there, with noise."""
-
-    def asked(rows: int, **options: Any) -> MillAttempt:
-        stack = sinogram(turn(20))[:, None] * np.linspace(0.5, 1.5, rows)[:, None]
-        stack += 0.5 * np.random.default_rng(1216).standard_normal(stack.shape)
-        return reconstructing(ingested(stack, "9:18"), theta=theta, size=32, field_mm=420.0, **options)
-
-    return asked
+    stack = sinogram(turn(20))[:, None] * np.linspace(0.5, 1.5, rows)[:, None]
+    stack += 0.5 * np.random.default_rng(1216).standard_normal(stack.shape)
+    return reconstructing(ingested(stack, "9:18"), theta=theta, size=32, field_mm=420.0, **options)
 
 
 def everything_in(path):
@@ -144,10 +132,12 @@ def everything_in(path):
         pytest.param("tikhonov", 33, {}, marks=pytest.mark.nightly),
     ],
 )
-def test_a_volume_killed_again_and_again_has_the_same_values(volume, run_killed, tmp_path, method, rows, options):
-    job = hours_go_by(volume(rows, method=method, **options))
+def test_a_volume_killed_again_and_again_has_the_same_values(
+    ingested, reconstructing, sinogram, turn, theta, store, tmp_path, method, rows, options
+):
+    job = hours_go_by(volume(ingested, reconstructing, sinogram, turn, theta, rows, method=method, **options))
     whole = run(job)
-    result, deaths = run_killed(job, 0)
+    result, deaths = run_killed(store, tmp_path, job, 0)
     assert deaths > 1
     same(result, whole)
     (made,) = tmp_path.glob(f"killed-*-{deaths + 1}/volume.h5")
@@ -157,8 +147,8 @@ def test_a_volume_killed_again_and_again_has_the_same_values(volume, run_killed,
         np.testing.assert_array_equal(found[name], right[name], err_msg=name)
 
 
-def test_blocks_that_are_damaged_are_made_again(volume, store, run_killed):
-    job = hours_go_by(volume(150, method="fbp"))
+def test_blocks_that_are_damaged_are_made_again(ingested, reconstructing, sinogram, turn, theta, store, tmp_path):
+    job = hours_go_by(volume(ingested, reconstructing, sinogram, turn, theta, 150, method="fbp"))
     whole = run(job)
     folder = store.files.kept_with(job.job.id)
     announced = []
@@ -170,12 +160,12 @@ def test_blocks_that_are_damaged_are_made_again(volume, store, run_killed):
     run(replace(job, announce=take))
     for number, path in enumerate(sorted(folder.glob("slices-*"))):
         path.write_bytes(path.read_bytes()[: -1 - number])
-    result, _ = run_killed(job, 100)
+    result, _ = run_killed(store, tmp_path, job, 100)
     same(result, whole)
 
 
-def test_checkpoints_leave_room_for_the_volume(volume, full_disk):
-    job = hours_go_by(volume(150, method="fbp"))
+def test_checkpoints_leave_room_for_the_volume(ingested, reconstructing, sinogram, turn, theta, full_disk):
+    job = hours_go_by(volume(ingested, reconstructing, sinogram, turn, theta, 150, method="fbp"))
     full_disk(150 * 32 * 32 * 4)
     announced = []
     assert run(replace(job, announce=announced.append))["shape"] == [150, 32, 32]

@@ -30,21 +30,14 @@ ANOTHER = "0" * 63 + "f"  # SHA-256 of no scan that a baseline has
 TURNTABLE = replace(THETA, source_shift_mm=179.2, detector_shift_mm=30.8)
 
 
-@pytest.fixture
-def log_scan(turn):
-    """A log with 1 % noise, (views, detector)."""
-
-    def of(theta=THETA, *, views=120, reverse=False, seed=4, noise=0.01):
-        angles = -turn(views) if reverse else turn(views)
-        log = LogModel.random(4).slice_at(120.0).moved(5.0, -3.0)
-        return simulate_sinogram(log, FanBeamGeometry(MILL, theta, angles), noise=noise, seed=seed)
-
-    return of
+def log_scan(turn, theta=THETA, *, views=120, reverse=False, seed=4, noise=0.01):
+    angles = -turn(views) if reverse else turn(views)
+    log = LogModel.random(4).slice_at(120.0).moved(5.0, -3.0)
+    return simulate_sinogram(log, FanBeamGeometry(MILL, theta, angles), noise=noise, seed=seed)
 
 
 @pytest.fixture
 def known(calibration):
-    """The calibration of that scanner."""
     return calibration(THETA, scanner=CONSTANTS, source_frame=THETA.source_frame(859.46))
 
 
@@ -57,16 +50,16 @@ def look(known, turn):
     return at
 
 
-def test_what_was_done_to_the_scan_is_reported(look, log_scan):
-    faulty = log_scan()
+def test_what_was_done_to_the_scan_is_reported(look, turn):
+    faulty = log_scan(turn)
     assert look(faulty).adjustments == []
     faulty[:, 150], faulty[40] = 0.0, 30.0
     expected = ("1 detector cells", "1 corrupt views")
     assert all(words in done for words, done in zip(expected, look(faulty).adjustments, strict=True))
 
 
-def test_a_scan_that_is_too_uncertain_is_reported_as_such(look, log_scan):
-    reported = look(log_scan(), tolerance_mm=1e-4)
+def test_a_scan_that_is_too_uncertain_is_reported_as_such(look, turn):
+    reported = look(log_scan(turn), tolerance_mm=1e-4)
     assert reported.within_tolerance is None
     assert "Average more rows" in reported.reason
 
@@ -82,9 +75,11 @@ def test_a_scan_that_is_too_uncertain_is_reported_as_such(look, log_scan):
     ],
 )
 def test_a_log_says_that_nothing_needs_to_be_done_only_where_a_calibration_that_far_off_would_pass(
-    look, log_scan, detector_shift_mm, noise, within, code, action
+    look, turn, detector_shift_mm, noise, within, code, action
 ):
-    scan = log_scan(replace(THETA, detector_shift_mm=detector_shift_mm), noise=noise, seed=3 if within is None else 4)
+    scan = log_scan(
+        turn, replace(THETA, detector_shift_mm=detector_shift_mm), noise=noise, seed=3 if within is None else 4
+    )
     reported = look(scan)
     assert (reported.within_tolerance, action in reported.reason) == (within, True)
     assert reported.coded_reason.code == code
@@ -92,19 +87,19 @@ def test_a_log_says_that_nothing_needs_to_be_done_only_where_a_calibration_that_
 
 
 @pytest.mark.slow
-def test_chance_is_no_reason_for_an_alarm_and_a_large_move_is_one_though_the_scan_is_uncertain(look, log_scan):
-    quiet = look(log_scan())
+def test_chance_is_no_reason_for_an_alarm_and_a_large_move_is_one_though_the_scan_is_uncertain(look, turn):
+    quiet = look(log_scan(turn))
     # Nothing moved; what noise makes of it is beyond this tolerance, its standard deviation is within.
     tolerance_mm = 0.5 * (quiet.ray_change_mm + quiet.ray_change_uncertainty_mm)
-    chance = [look(log_scan(seed=seed), tolerance_mm=tolerance_mm) for seed in range(6)]
+    chance = [look(log_scan(turn, seed=seed), tolerance_mm=tolerance_mm) for seed in range(6)]
     assert {each.within_tolerance for each in chance if each.ray_change_mm > tolerance_mm} == {None}
     assert all("Nothing needs to be done" not in each.reason for each in chance if each.within_tolerance is None)
-    moved = look(log_scan(TURNTABLE), tolerance_mm=0.5 * quiet.ray_change_uncertainty_mm)
+    moved = look(log_scan(turn, TURNTABLE), tolerance_mm=0.5 * quiet.ray_change_uncertainty_mm)
     assert (moved.moved, moved.within_tolerance) == (True, False)
 
 
-def test_a_log_that_turned_the_other_way_is_reported_first(look, log_scan):
-    reported = look(log_scan(reverse=True))
+def test_a_log_that_turned_the_other_way_is_reported_first(look, turn):
+    reported = look(log_scan(turn, reverse=True))
     assert (reported.rotation, reported.rotation_decided, reported.within_tolerance) == ("reversed", True, False)
     assert reported.rotation_ratio > 3.0
     assert "turned the other way" in reported.reason
@@ -129,9 +124,9 @@ def asked(store, attempt, finish, send, ingest, known):
     return ask
 
 
-def test_the_job_answers_with_what_moved(asked, log_scan, finish, store):
+def test_the_job_answers_with_what_moved(asked, turn, finish, store):
     empty = np.zeros((120, 384))
-    looking = asked(np.stack([log_scan(TURNTABLE), empty], axis=1), rows="0:1")
+    looking = asked(np.stack([log_scan(turn, TURNTABLE), empty], axis=1), rows="0:1")
     result = DriftResult.model_validate(run(looking))
     assert (result.views, result.rows, result.tolerance_mm) == (120, (0, 1), 0.25)
     assert not result.within_tolerance
@@ -142,8 +137,8 @@ def test_the_job_answers_with_what_moved(asked, log_scan, finish, store):
     assert stored == result.ended(stored.at)
 
 
-def test_the_job_takes_the_baseline_that_it_is_handed(asked, log_scan):
-    looking = asked(log_scan()[:, None])
+def test_the_job_takes_the_baseline_that_it_is_handed(asked, turn):
+    looking = asked(log_scan(turn)[:, None])
     of_fifty = {"checks": 50, "outliers": 0, "first_at": None, "last_at": None, "tilt_offset_rad": 0.0}
     baselines = [
         KnownBaseline(method=method, cor_column_offset_mm=off, covariance=[[1e-6, 0.0], [0.0, 1e-12]], **of_fifty)
@@ -155,9 +150,9 @@ def test_the_job_takes_the_baseline_that_it_is_handed(asked, log_scan):
     assert result.change.cor_column_mm - result.baseline.change.cor_column_mm == pytest.approx(0.2)
 
 
-def test_twenty_views_are_compared_two_by_two(look, log_scan):
-    still, moved = (look(log_scan(theta, views=20, seed=6)) for theta in (THETA, TURNTABLE))
-    assert (still.method, moved.method, look(log_scan()).method) == ("view-pairs", "view-pairs", "opposite-rays")
+def test_twenty_views_are_compared_two_by_two(look, turn):
+    still, moved = (look(log_scan(turn, theta, views=20, seed=6)) for theta in (THETA, TURNTABLE))
+    assert (still.method, moved.method, look(log_scan(turn)).method) == ("view-pairs", "view-pairs", "opposite-rays")
     assert abs(still.change.cor_column_mm) < 4.0 * still.change_standard_deviation.cor_column_mm
     expected = TURNTABLE.source_frame(859.46).cor_column_mm - THETA.source_frame(859.46).cor_column_mm
     assert abs(moved.change.cor_column_mm - expected) < 4.0 * moved.change_standard_deviation.cor_column_mm < 0.5
@@ -166,8 +161,8 @@ def test_twenty_views_are_compared_two_by_two(look, log_scan):
     assert still.change_standard_deviation.source_to_detector_mm is None
 
 
-def test_the_mean_of_the_rows_is_answered_as_the_stack_is(asked, log_scan, finish, store):
-    rows = log_scan(TURNTABLE, views=20)[:, None] + 0.01 * np.random.default_rng(5).standard_normal((20, 40, 384))
+def test_the_mean_of_the_rows_is_answered_as_the_stack_is(asked, turn, finish, store):
+    rows = log_scan(turn, TURNTABLE, views=20)[:, None] + 0.01 * np.random.default_rng(5).standard_normal((20, 40, 384))
     asked_first = asked(rows)
     finish(asked_first, run(asked_first))
     of_stack = store.drifts.get(asked_first.job.subject_id).result
@@ -183,9 +178,9 @@ def test_the_mean_of_the_rows_is_answered_as_the_stack_is(asked, log_scan, finis
     assert looking.given.scan.size_bytes == 4 * 20 * 384 + 128
 
 
-def test_a_nail_that_the_sender_masks_moves_nothing(asked, log_scan, turn, finish, store):
+def test_a_nail_that_the_sender_masks_moves_nothing(asked, turn, finish, store):
     """A shadow of six cells that goes round with the log."""
-    rays, deviations = log_scan(views=20), np.full((20, 384), 0.01)
+    rays, deviations = log_scan(turn, views=20), np.full((20, 384), 0.01)
     at = (192 + 40 * np.sin(turn(20))).astype(int)[:, None] + np.arange(6)
     nailed, masked = rays.copy(), deviations.copy()
     nailed[np.arange(20)[:, None], at] += 0.4
@@ -203,21 +198,21 @@ def test_a_nail_that_the_sender_masks_moves_nothing(asked, log_scan, turn, finis
     assert mended.adjustments[1] == "120 of 7680 rays were masked, and interpolated along the detector."
 
 
-def test_a_refusal_names_the_masked_rays(asked, log_scan):
-    rays = log_scan(views=20)
+def test_a_refusal_names_the_masked_rays(asked, turn):
+    rays = log_scan(turn, views=20)
     rays[9:] = np.roll(rays[9:], 4, axis=1)
     rays[4, 190:210] = np.nan
     with pytest.raises(JobFailure, match=r"20 of 7680 rays were masked, .* Wide masks do that too"):
         run(asked(rays, averaged_rows=300))
 
 
-def test_of_a_mean_no_rows_can_be_chosen(asked, log_scan):
+def test_of_a_mean_no_rows_can_be_chosen(asked, turn):
     with pytest.raises(JobFailure, match="the scan is the mean of 300 rows, which are not kept: leave rows out"):
-        run(asked(log_scan(views=20), averaged_rows=300, rows="0:1"))
+        run(asked(log_scan(turn, views=20), averaged_rows=300, rows="0:1"))
 
 
-def test_a_calibration_of_another_detector_is_refused(asked, log_scan, store):
-    looking = asked(log_scan()[:, None])
+def test_a_calibration_of_another_detector_is_refused(asked, turn, store):
+    looking = asked(log_scan(turn)[:, None])
     wider = replace(store.scanners.get("line-2").constants, detector_pitch_mm=3.1)
     store.scanners.update("line-2", ScannerSpec(name="Line 2", constants=wider))
     with pytest.raises(JobFailure, match=r"with detector_pitch_mm 3 and the scan has 3\.1") as failure:
@@ -225,8 +220,8 @@ def test_a_calibration_of_another_detector_is_refused(asked, log_scan, store):
     assert failure.value.code == "contradiction"
 
 
-def test_a_calibration_that_was_cancelled_is_refused(asked, log_scan, store, attempt):
-    scan = store.scans.get(asked(log_scan()[:, None]).given.scan.id)
+def test_a_calibration_that_was_cancelled_is_refused(asked, turn, store, attempt):
+    scan = store.scans.get(asked(log_scan(turn)[:, None]).given.scan.id)
     calibration = store.calibrations.accept(CalibrationRequest(scan_id=scan.id))
     store.drifts.accept(DriftRequest(scan_id=scan.id, calibration_id=calibration.id), identifier="late")
     store.jobs.request_cancel(calibration.job_id)
@@ -234,8 +229,8 @@ def test_a_calibration_that_was_cancelled_is_refused(asked, log_scan, store, att
         run(attempt(kinds.DRIFT))
 
 
-def test_the_tilt_is_reported_in_the_units_of_its_name(look, log_scan):
-    reported = look(log_scan(replace(THETA, detector_tilt=0.16)))
+def test_the_tilt_is_reported_in_the_units_of_its_name(look, turn):
+    reported = look(log_scan(turn, replace(THETA, detector_tilt=0.16)))
     expected = math.atan(0.16) - math.atan(0.15)
     assert reported.change.tilt_rad == pytest.approx(expected, abs=6.0 * reported.change_standard_deviation.tilt_rad)
     assert reported.moved

@@ -139,7 +139,6 @@ def test_a_plan_needs_its_sinogram(store, scan, attempt):
 
 @pytest.fixture
 def asked(store, spec, theta):
-    """Ask for a plan on one scanner."""
     store.scanners.create(spec(), scanner_id="line-2")
     ask = PlanRequest(scanner_id="line-2", theta=theta, views=30, noise=0.01)
     return lambda phantom_id: store.plans.accept(ask, given={"phantom_id": phantom_id})
@@ -169,21 +168,14 @@ def test_a_phantom_that_cannot_calibrate_is_the_asker_s_to_mend(asked, attempt, 
 COUNTS = np.random.default_rng(7).integers(1000, 30_000, (12, 1, 8)).astype(np.uint16)
 
 
-@pytest.fixture
-def inspecting(store, attempt):
-    """The attempt at an inspection of a file's bytes."""
-
-    def ask(content, **options):
-        received = store.files.receive([content], max_bytes=10**7)
-        store.inspections.accept_file(InspectionOptions(**options), received, name="morning.npz")
-        return attempt(kinds.INSPECT)
-
-    return ask
+def inspecting(store, attempt, content, **options):
+    received = store.files.receive([content], max_bytes=10**7)
+    store.inspections.accept_file(InspectionOptions(**options), received, name="morning.npz")
+    return attempt(kinds.INSPECT)
 
 
-@pytest.fixture
-def inspected(inspecting):
-    return lambda content, **options: InspectionResult.model_validate(run(inspecting(content, **options)))
+def inspected(store, attempt, content, **options):
+    return InspectionResult.model_validate(run(inspecting(store, attempt, content, **options)))
 
 
 def npz(**arrays):
@@ -196,37 +188,37 @@ def needed(result):
     return [part.field for part in result.missing if part.needed]
 
 
-def test_what_neither_the_file_carries_nor_was_given_is_named_by_its_field(inspected):
+def test_what_neither_the_file_carries_nor_was_given_is_named_by_its_field(store, attempt):
     content = npz(projections=COUNTS, flats=COUNTS[:2])
-    result = inspected(content)
+    result = inspected(store, attempt, content)
     assert (result.file, result.verdict) == ("morning.npz", "incomplete")
     assert (result.reading.shape.views, result.reading.flats, result.reading.angles) == (12, 2, None)
     assert needed(result) == ["angles_deg", "data", "detector_pitch_mm"]
-    result = inspected(content, data=DataKind.COUNTS, angles_deg="0.5:30")
+    result = inspected(store, attempt, content, data=DataKind.COUNTS, angles_deg="0.5:30")
     assert (result.reading.angles.first_deg, result.reading.angles.last_deg) == pytest.approx((0.5, 330.5))
     assert needed(result) == ["detector_pitch_mm"]
 
 
-def test_a_wrong_angle_is_one_sentence_and_what_is_no_scan_is_refused_without_a_flag(inspected):
+def test_a_wrong_angle_is_one_sentence_and_what_is_no_scan_is_refused_without_a_flag(store, attempt):
     with pytest.raises(JobFailure, match="an angle must be a number of degrees, not 'abc'"):
-        inspected(npz(projections=COUNTS), angles_deg="abc")
+        inspected(store, attempt, npz(projections=COUNTS), angles_deg="abc")
     buffer = io.BytesIO()
     Image.fromarray(np.zeros((8, 8), np.uint8)).save(buffer, format="PNG")
-    refused = [inspected(content) for content in (buffer.getvalue(), b"a letter to the editor" * 100)]
+    refused = [inspected(store, attempt, content) for content in (buffer.getvalue(), b"a letter to the editor" * 100)]
     assert [result.verdict for result in refused] == ["refused", "refused"]
     assert not any("--" in result.refusal.detail for result in refused)
 
 
 @pytest.mark.parametrize(("rows", "name"), [(1, ScanPicture.SINOGRAM), (4, ScanPicture.VIEW)])
-def test_one_view_of_a_stack_or_the_sinogram_of_a_row_is_drawn(inspecting, rows, name):
+def test_one_view_of_a_stack_or_the_sinogram_of_a_row_is_drawn(store, attempt, rows, name):
     counts = np.repeat(np.arange(96).reshape(12, 1, 8), rows, axis=1)
-    inspection = inspecting(npz(projections=counts, flats=counts[:2]))
+    inspection = inspecting(store, attempt, npz(projections=counts, flats=counts[:2]))
     run(inspection)
     drawn = np.fromfile(inspection.output / name, np.uint8).reshape(PICTURE_PX, PICTURE_PX)
     assert (drawn[0, 0], drawn[0, -1] < drawn[-1, -1]) == (0, rows == 1)  # all views, or the first one alone
 
 
-def test_numbers_that_cannot_be_read_refuse_the_file_at_once(inspected):
+def test_numbers_that_cannot_be_read_refuse_the_file_at_once(store, attempt):
     buffer = io.BytesIO()
     with h5py.File(buffer, "w") as file:
         packed = {"chunks": (1, 4, 8), "compression": "gzip"}
@@ -234,5 +226,5 @@ def test_numbers_that_cannot_be_read_refuse_the_file_at_once(inspected):
         chunk = data.id.get_chunk_info(0)
     content = bytearray(buffer.getvalue())
     content[chunk.byte_offset : chunk.byte_offset + chunk.size] = bytes(chunk.size)
-    result = inspected(bytes(content), dataset="/entry/data/data")
+    result = inspected(store, attempt, bytes(content), dataset="/entry/data/data")
     assert result.verdict == "refused", result

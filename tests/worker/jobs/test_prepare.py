@@ -36,8 +36,6 @@ PHOTONS, DARK = 20_000.0, 200.0
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """What a scan's file holds."""
-
     stack: np.ndarray
     air_level: np.ndarray | None
     remarks: tuple[str, ...]
@@ -171,10 +169,9 @@ def upload(send):
     return lambda stack, **asked: send(stack, data=DataKind.LINE_INTEGRALS, angles_deg="5:10", **asked)
 
 
-@pytest.fixture
-def upload_file(send):
+def upload_file(send, arrays, **declared):
     """Accept a file of arrays beside its angles, 10 degrees apart from 0 on, whatever is declared of it."""
-    return lambda arrays, **declared: send({"angles_deg": 10.0 * np.arange(VIEWS), **arrays}, **declared)
+    return send({"angles_deg": 10.0 * np.arange(VIEWS), **arrays}, **declared)
 
 
 def test_an_upload_is_prepared_as_asked_and_the_scan_keeps_what_was_done(upload, attempt, prepare, exposed):
@@ -269,19 +266,17 @@ def test_a_block_that_cannot_be_used_leaves_nothing_behind(prepare, exposed, tmp
         ({"data": "counts", "dataset": "nothing"}, "dataset-missing", "no array named 'nothing'; it holds"),
     ],
 )
-def test_what_was_declared_with_an_upload_and_contradicts_its_file(
-    upload_file, attempt, exposed, declared, code, sentence
-):
+def test_what_was_declared_with_an_upload_and_contradicts_its_file(send, attempt, exposed, declared, code, sentence):
     flats, darks = exposed[1:]
-    upload_file({"projections": exposed[0], "flats": flats, "darks": darks}, **({"data": "counts"} | declared))
+    upload_file(send, {"projections": exposed[0], "flats": flats, "darks": darks}, **({"data": "counts"} | declared))
     with pytest.raises(JobFailure, match=sentence) as refusal:
         run(attempt(kinds.INGEST))
     assert refusal.value.code == code
 
 
-def test_line_integrals_declared_as_counts_have_no_signal(upload_file, attempt, prepare, exposed):
+def test_line_integrals_declared_as_counts_have_no_signal(send, attempt, prepare, exposed):
     raw = prepare(exposed, air="off", faulty_cells="keep").stack
-    upload_file({"projections": raw, "flats": exposed[1], "darks": exposed[2]}, data="counts")
+    upload_file(send, {"projections": raw, "flats": exposed[1], "darks": exposed[2]}, data="counts")
     with pytest.raises(JobFailure, match="samples of the scan are not above the dark field") as refusal:
         run(attempt(kinds.INGEST))
     assert refusal.value.code == "counts"
