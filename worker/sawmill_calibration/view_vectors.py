@@ -11,6 +11,7 @@ from sawmill_calibration.failures import refused
 from sawmill_calibration.known_geometry import GivenGeometry, KnownGeometry
 from sawmill_calibration.scans.scan_rows import ScanRows
 from sawmill_contracts.geometry import ScannerConstants
+from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_tomography.geometry.detector_shape import FlatDetector
 from sawmill_tomography.geometry.geometry import SAME_MM, FanViews, turning
 from sawmill_vocabulary import Handedness, Rotation
@@ -50,6 +51,9 @@ class ImportedGeometry:
 
 
 AnyGeometry = KnownGeometry | ImportedGeometry
+# Larger files are no lists of vectors.
+LARGEST_BYTES = 2**24
+NPY = b"\x93NUMPY"
 NAMES = ("source_mm", "middle_mm", "axis", "cell_borders_mm")
 
 
@@ -70,13 +74,29 @@ def read_views(path: str | Path, cells: int | None = None) -> FanViews:
     """
     path = Path(path)
     try:
-        if path.suffix == ".npy":
+        if _begin(path) == NPY:
             return FanViews.from_astra(np.load(path, allow_pickle=False), cells or 2)
         held = json.loads(path.read_bytes())
         return FanViews.of(*(held[name] for name in NAMES))
     except (ValueError, TypeError, KeyError, EOFError, RecursionError) as error:
         forms = f"JSON with {', '.join(NAMES)}, or rows of fanflat_vec (.npy)"
         raise refused("geometry", f"{path.name} is no file of geometry, {forms}: {error}") from error
+
+
+def list_of_views(path: Path) -> FanViews | None:
+    """Return the geometry of a file of vectors, as `read_views`; None for a file that is none, or not a file."""
+    if not path.is_file() or path.stat().st_size > LARGEST_BYTES:
+        return None
+    try:
+        return read_views(path) if _begin(path) == NPY or _begin(path)[:1] == b"{" else None
+    except JobFailure:
+        return None
+
+
+def _begin(path: Path) -> bytes:
+    """Return a file's first bytes."""
+    with path.open("rb") as file:
+        return file.read(len(NPY))
 
 
 def vectors_of(views: FanViews) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from sqlalchemy.orm import Session
 from sawmill_contracts.declared_kinds import asked_kinds
 from sawmill_contracts.kinds import Answer, AskedKind, Reference
 from sawmill_contracts.phantoms import PhantomState
+from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanState
 from sawmill_platform.contracts.jobs import UNFINISHED, JobState
 from sawmill_platform.database.paging import found, hold
@@ -17,6 +18,7 @@ from sawmill_platform.database.tables import JobRow, Json
 from sawmill_platform.errors import Conflict, NotFound
 from sawmill_store.activations import active_calibration_id
 from sawmill_store.mill_tables import Answered, CalibrationRow, PhantomRow, ScannerRow, ScanRow, table_of
+from sawmill_vocabulary import Handedness, Rotation
 
 
 def looked_up(session: Session, references: Iterable[Reference], request: Mapping[str, Any]) -> tuple[Json, list[str]]:
@@ -63,13 +65,17 @@ def _phantom_of_scan(session: Session, scan_id: str) -> str:
 def _calibration(session: Session, fields: Json) -> str | None:
     """Look up the named calibration or the active one of the scan's scanner; the calibration may still be computed.
 
-    A reconstruction with a new scanner waits for the first activation, which names its calibration.
+    Without one, an imported geometry is used; else a reconstruction waits for the first activation, which names its
+    calibration.
     """
     if fields.get("theta") is not None:
         fields["calibration_id"] = None
         return None
     scan_id, scanner_id = fields["scan_id"], fields["scanner_id"]
     calibration_id = fields["calibration_id"] or active_calibration_id(session, scanner_id)
+    if calibration_id is None and (imported := _imported(session, scanner_id)) is not None:
+        fields |= imported
+        return None
     if calibration_id is None and "theta" in fields and (job_id := _first_activation(session, scanner_id)) is not None:
         return job_id
     if calibration_id is None:
@@ -92,6 +98,15 @@ def _calibration(session: Session, fields: Json) -> str | None:
     return None if state.ended else calibration.job_id
 
 
+def _imported(session: Session, scanner_id: str) -> Json | None:
+    """Return the fields of a request with the scanner's imported geometry, if it has one."""
+    spec = ScannerSpec.model_validate(found(session, ScannerRow, "scanner", scanner_id).spec)
+    if spec.imported_theta is None:
+        return None
+    rotation, handedness = spec.rotation or Rotation.AS_GIVEN, spec.handedness or Handedness.AS_DRAWN
+    return {"theta": vars(spec.imported_theta), "rotation": rotation, "handedness": handedness, "calibration_id": None}
+
+
 def _first_activation(session: Session, scanner_id: str) -> str | None:
     """Return the job of the newest calibration under way that is to become a scanner's active one, if there is one."""
     asked = select(CalibrationRow.job_id).join(JobRow, CalibrationRow.job_id == JobRow.id)
@@ -107,6 +122,9 @@ def _theta(session: Session, fields: Json) -> None:
         return
     scanner_id = fields["scanner_id"]
     calibration_id = active_calibration_id(session, scanner_id)
+    if calibration_id is None and (imported := _imported(session, scanner_id)) is not None:
+        fields["theta"] = imported["theta"]
+        return
     if calibration_id is None:
         raise Conflict(
             "no-active-calibration",
