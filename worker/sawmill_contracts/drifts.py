@@ -113,7 +113,7 @@ class DriftOptions(Contract):
 
 
 class StoredDriftOptions(DriftOptions):
-    """What is compared: a part of the scan, with a calibration or an imported geometry."""
+    """The part of the scan that is used, and the imported geometry where there was no calibration."""
 
     theta: Theta | None = Field(
         None, description="The scanner's imported geometry, which was compared. Null: there was a calibration."

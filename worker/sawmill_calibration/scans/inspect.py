@@ -102,7 +102,7 @@ def inspect_file(source: InspectionInput) -> InspectionResult:
         if not source.uploaded:  # an upload is inspected in a process that may end
             read_apart(source.path, source.flats, source.darks, follow_links=source.follow_links)
         if (views := list_of_views(source.path)) is not None:
-            return result.model_copy(update={"refusal": _failure("geometry-file", _described(views))})
+            raise UnreadableScan("geometry-file", _described(views))
         format_ = None if source.path.is_file() and is_picture(source.path) else recognise(source.path)
     except UnreadableScan as error:
         result = result.model_copy(update={"refusal": _failure(error.code, str(error))})
