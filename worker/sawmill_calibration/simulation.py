@@ -193,8 +193,14 @@ def write_counts(
     The scanner counts angles_rad (views,), the geometry has the angles as they are.
     """
     stack = simulate_stack(slices, geometry, physics or UNEQUAL_CELLS, photons=photons, seed=seed)
-    pitch_mm = geometry.scanner.detector_pitch_mm
-    write_simulated_scan(path, stack, angles_rad, detector_pitch_mm=pitch_mm, row_pitch_mm=row_pitch_mm)
+    write_simulated_scan(
+        path,
+        stack,
+        angles_rad,
+        detector_pitch_mm=geometry.scanner.detector_pitch_mm,
+        row_pitch_mm=row_pitch_mm,
+        detector_arc_radius_mm=geometry.scanner.detector_arc_radius_mm,
+    )
 
 
 def write_line_integrals(
@@ -216,13 +222,20 @@ def write_line_integrals(
         angles_rad=angles_rad,
         detector_pitch_mm=geometry.scanner.detector_pitch_mm,
         row_pitch_mm=row_pitch_mm,
+        detector_arc_radius_mm=geometry.scanner.detector_arc_radius_mm,
         air_level=None,
         provenance={"simulated": slices[-1].name, "seed": str(seed), "theta": theta},
     )
 
 
 def write_simulated_scan(
-    path: Path, stack: SimulatedStack, angles_rad: FloatArray, *, detector_pitch_mm: float, row_pitch_mm: float | None
+    path: Path,
+    stack: SimulatedStack,
+    angles_rad: FloatArray,
+    *,
+    detector_pitch_mm: float,
+    row_pitch_mm: float | None,
+    detector_arc_radius_mm: float | None = None,
 ) -> None:
     """Write counts, flat and dark fields as an NXtomo file; angles_rad (views,) are as the scanner counts them."""
     write_raw_scan(
@@ -235,4 +248,5 @@ def write_simulated_scan(
         angles_rad=angles_rad,
         detector_pitch_mm=detector_pitch_mm,
         row_pitch_mm=row_pitch_mm,
+        detector_arc_radius_mm=detector_arc_radius_mm,
     )

@@ -261,6 +261,7 @@ def _reading(contents: FileContents, source: InspectionInput, scan: CanonicalSca
         detector_pitch_mm=contents.pitch.mm or source.detector_pitch_mm,
         row_pitch_mm=contents.row_pitch.mm or source.row_pitch_mm,
         detector_modules=list(contents.detector_modules),
+        detector_arc_radius_mm=contents.detector_arc_radius_mm,
         unused=contents.unused,
         other_files=[str(path) for path in contents.others],
         remarks=list(remarks),

@@ -80,6 +80,7 @@ def new_scan(
     detector_pitch_mm: float,
     row_pitch_mm: float | None,
     detector_modules: Sequence[DetectorModule] = (),
+    detector_arc_radius_mm: float | None = None,
     views_together: int | None = None,
 ) -> Iterator[NewScan]:
     """Open a new scan (views, rows, detector) of line integrals, readable row by row; whole or not at all.
@@ -88,6 +89,8 @@ def new_scan(
     ----------
     detector_modules : sequence of DetectorModule, optional
         Modules of the detector after the first.
+    detector_arc_radius_mm : float, optional
+        Radius of the arc on which the cells lie.
     views_together : int, optional
         The number of views of a row that are stored in one piece: all, by default.
 
@@ -107,7 +110,7 @@ def new_scan(
             units="1",
             image_key=np.zeros(views, dtype=np.uint8),
             angles_deg=_degrees(angles_rad),
-            pitches_mm=(detector_pitch_mm, row_pitch_mm),
+            lengths_mm=(detector_pitch_mm, row_pitch_mm, detector_arc_radius_mm),
             # Packing the noise of line integrals saves a fifth of the disk, and takes longer than reconstructing them.
             storage={"fletcher32": True},
         )
@@ -127,6 +130,7 @@ def write_scan(
     air_level: NDArray[np.float32] | None,
     provenance: Mapping[str, str],
     row_shifts: NDArray[np.float64] | None = None,
+    detector_arc_radius_mm: float | None = None,
 ) -> None:
     """Write a scan of line integrals that are in memory.
 
@@ -142,6 +146,8 @@ def write_scan(
         Origin of the data, written into the file.
     row_shifts : (views,) float64, rows, or None
         Shift of each view along the log; None where no view was shifted.
+    detector_arc_radius_mm : float, optional
+        Radius of the arc on which the cells lie.
 
     Raises
     ------
@@ -158,6 +164,7 @@ def write_scan(
         angles_rad=angles_rad,
         detector_pitch_mm=detector_pitch_mm,
         row_pitch_mm=row_pitch_mm,
+        detector_arc_radius_mm=detector_arc_radius_mm,
     )
     with scan as written:
         written.data[...] = line_integrals
@@ -176,6 +183,7 @@ def write_raw_scan(
     detector_pitch_mm: float | None,
     row_pitch_mm: float | None,
     detector_modules: Sequence[DetectorModule] = (),
+    detector_arc_radius_mm: float | None = None,
     given: Mapping[str, Any] | None = None,
 ) -> None:
     """Write detector counts as a scanner would: dark fields, flat fields, then the views; or views without fields.
@@ -189,8 +197,9 @@ def write_raw_scan(
     flats, darks : (n, rows, detector), of the same type, or None
     angles_rad : (views,) float64
     detector_pitch_mm, row_pitch_mm : float, or None where it is not known
-    detector_modules, given : optional
-        Modules after the first; what the owner of a packed scan gave, by names: its file holds no time of writing.
+    detector_modules, detector_arc_radius_mm, given : optional
+        Modules after the first; radius of the arc of cells; what the owner of a packed scan gave, by names: its file
+        holds no time of writing.
 
     Raises
     ------
@@ -211,7 +220,7 @@ def write_raw_scan(
             units="counts" if fields else "1",
             image_key=np.array(keys + [nxtomo.PROJECTION] * shape[0], dtype=np.uint8),
             angles_deg=np.concatenate([np.zeros(len(keys)), _degrees(angles_rad)]),
-            pitches_mm=(detector_pitch_mm, row_pitch_mm),
+            lengths_mm=(detector_pitch_mm, row_pitch_mm, detector_arc_radius_mm),
             storage=PACKED,
             given=given,
         )
@@ -259,7 +268,7 @@ def _new_images(
     units: str,
     image_key: NDArray[np.uint8],
     angles_deg: NDArray[np.float64],
-    pitches_mm: tuple[float | None, float | None],
+    lengths_mm: tuple[float | None, float | None, float | None],
     storage: Mapping[str, Any],
     given: Mapping[str, Any] | None = None,
 ) -> None:
@@ -270,9 +279,9 @@ def _new_images(
     new_group(entry, nxtomo.DETECTOR, "NXdetector")
     entry.create_dataset(nxtomo.DATA, shape, dtype, chunks=chunks, **storage).attrs["units"] = units
     entry[nxtomo.IMAGE_KEY] = image_key
-    for path, pitch_mm in zip((nxtomo.CELL_PITCH, nxtomo.ROW_PITCH), pitches_mm, strict=True):
-        if pitch_mm is not None:
-            write_scalar(entry, path, pitch_mm, "mm")
+    for path, length_mm in zip((nxtomo.CELL_PITCH, nxtomo.ROW_PITCH, nxtomo.ARC_RADIUS), lengths_mm, strict=True):
+        if length_mm is not None:
+            write_scalar(entry, path, length_mm, "mm")
     new_group(entry, "sample", "NXsample")
     write_scalar(entry, nxtomo.ANGLES, angles_deg, "deg")
     links = new_group(entry, "data", "NXdata")

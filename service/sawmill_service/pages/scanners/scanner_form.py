@@ -200,6 +200,7 @@ class ScannerForms:
             "num_detector_pixels": reading.shape.detector,
             "detector_pitch_mm": reading.detector_pitch_mm,
             "row_pitch_mm": reading.row_pitch_mm,
+            "detector_arc_radius_mm": reading.detector_arc_radius_mm,
         }
         texts = {name: self._number(value) for name, value in stated.items() if value is not None}
         if not form.is_wrong:
