@@ -193,14 +193,7 @@ def write_counts(
     The scanner counts angles_rad (views,), the geometry has the angles as they are.
     """
     stack = simulate_stack(slices, geometry, physics or UNEQUAL_CELLS, photons=photons, seed=seed)
-    write_simulated_scan(
-        path,
-        stack,
-        angles_rad,
-        detector_pitch_mm=geometry.scanner.detector_pitch_mm,
-        row_pitch_mm=row_pitch_mm,
-        detector_arc_radius_mm=geometry.scanner.detector_arc_radius_mm,
-    )
+    write_simulated_scan(path, stack, angles_rad, geometry.scanner, row_pitch_mm)
 
 
 def write_line_integrals(
@@ -229,13 +222,7 @@ def write_line_integrals(
 
 
 def write_simulated_scan(
-    path: Path,
-    stack: SimulatedStack,
-    angles_rad: FloatArray,
-    *,
-    detector_pitch_mm: float,
-    row_pitch_mm: float | None,
-    detector_arc_radius_mm: float | None = None,
+    path: Path, stack: SimulatedStack, angles_rad: FloatArray, scanner: Scanner, row_pitch_mm: float | None
 ) -> None:
     """Write counts, flat and dark fields as an NXtomo file; angles_rad (views,) are as the scanner counts them."""
     write_raw_scan(
@@ -246,7 +233,7 @@ def write_simulated_scan(
         flats=stack.flats,
         darks=stack.darks,
         angles_rad=angles_rad,
-        detector_pitch_mm=detector_pitch_mm,
+        detector_pitch_mm=scanner.detector_pitch_mm,
         row_pitch_mm=row_pitch_mm,
-        detector_arc_radius_mm=detector_arc_radius_mm,
+        detector_arc_radius_mm=scanner.detector_arc_radius_mm,
     )

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import dataclass, replace
+from io import BytesIO
 from pathlib import Path
 from typing import Any, Self
 
@@ -74,9 +75,10 @@ def read_views(path: str | Path, cells: int | None = None) -> FanViews:
     """
     path = Path(path)
     try:
-        if _begin(path) == NPY:
-            return FanViews.from_astra(np.load(path, allow_pickle=False), cells or 2)
-        held = json.loads(path.read_bytes())
+        content = path.read_bytes()
+        if content.startswith(NPY):
+            return FanViews.from_astra(np.load(BytesIO(content), allow_pickle=False), cells or 2)
+        held = json.loads(content)
         return FanViews.of(*(held[name] for name in NAMES))
     except (ValueError, TypeError, KeyError, EOFError, RecursionError) as error:
         forms = f"JSON with {', '.join(NAMES)}, or rows of fanflat_vec (.npy)"
@@ -84,19 +86,13 @@ def read_views(path: str | Path, cells: int | None = None) -> FanViews:
 
 
 def list_of_views(path: Path) -> FanViews | None:
-    """Return the geometry of a file of vectors, as `read_views`; None for a file that is none, or not a file."""
+    """Return the geometry of a file of vectors, as `read_views`; None for any other file, or a folder."""
     if not path.is_file() or path.stat().st_size > LARGEST_BYTES:
         return None
     try:
-        return read_views(path) if _begin(path) == NPY or _begin(path)[:1] == b"{" else None
+        return read_views(path) if path.read_bytes().startswith((NPY, b"{")) else None
     except JobFailure:
         return None
-
-
-def _begin(path: Path) -> bytes:
-    """Return a file's first bytes."""
-    with path.open("rb") as file:
-        return file.read(len(NPY))
 
 
 def vectors_of(views: FanViews) -> dict[str, Any]:

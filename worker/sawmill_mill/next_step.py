@@ -48,6 +48,7 @@ class Button(StrEnum):
         return button
 
 
+_CALIBRATE = N_("Mount the phantom, scan it, and calibrate.")
 _NOTHING = N_("Nothing needs to be done.")
 _NEARLY = N_("It has moved nearly as far as is allowed: %(moved_mm).2f mm, and %(allowed_mm).2f mm is allowed.")
 
@@ -55,12 +56,12 @@ _NEARLY = N_("It has moved nearly as far as is allowed: %(moved_mm).2f mm, and %
 class StepMessage(Message):
     """Messages of the steps; an empty template takes the words of the reason for the step."""
 
-    NEW = "new", N_("It has no scan yet."), N_("Mount the phantom, scan it, and calibrate.")
-    NEVER = "never-calibrated", N_("It has never been calibrated."), N_("Mount the phantom, scan it, and calibrate.")
+    NEW = "new", N_("It has no scan yet."), _CALIBRATE
+    NEVER = "never-calibrated", N_("It has never been calibrated."), _CALIBRATE
     IMPORTED = (
         "imported",
         N_("Its geometry is imported, not checked."),
-        N_("Mount the phantom, scan it, and calibrate."),
+        _CALIBRATE,
     )
     FAILED = (
         "failed",

@@ -327,16 +327,6 @@ class Theta(AsContract):
             detector_tilt=math.tan(math.atan(self.detector_tilt) - 2.0 * delta),
         )
 
-    def read_backwards(self) -> "Theta":
-        """Return the theta of this scan with the detector read backwards, the rotation reversed, seen from behind."""
-        return Theta(
-            initial_angle_rad=wrap_angle(math.pi - self.initial_angle_rad),
-            detector_to_cor_mm=self.detector_to_cor_mm,
-            source_shift_mm=-self.source_shift_mm,
-            detector_shift_mm=-self.detector_shift_mm,
-            detector_tilt=-self.detector_tilt,
-        )
-
 
 @dataclass(frozen=True)
 class ThetaBounds(AsContract):
