@@ -102,7 +102,7 @@ def test_a_list_of_vectors_is_named_with_the_numbers_by_which_a_scanner_starts(i
         assert vars(theta_of(numbers).source_frame(860.3903135)) == pytest.approx(vars(turned.frame), abs=1e-6)
     arc = FanBeamGeometry(replace(scanner, detector_arc_radius_mm=1500.0), theta, full_turn(40))
     (tmp_path / "views.json").write_text(json.dumps(vectors_of(arc)))
-    assert "not at equal distances" in inspect(tmp_path / "views.json")["refusal"]["detail"]
+    assert "from equal distances on a straight line" in inspect(tmp_path / "views.json")["refusal"]["detail"]
 
 
 def test_a_matlab_struct_shows_its_fields_and_the_values_that_could_serve(inspect, tmp_path):

@@ -39,7 +39,7 @@ from sawmill_formats.reading_apart import read_apart
 from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.jobs import Failure, FailureKind
-from sawmill_tomography.geometry.geometry import SAME_MM, FanBeamGeometry, turning
+from sawmill_tomography.geometry.geometry import turning
 from sawmill_vocabulary import DataKind, GeometryError, angle_difference, wrap_angle
 
 # Largest number of listed parts: a person reads the first page, and a program names the part that it needs.
@@ -118,25 +118,21 @@ def inspect_file(source: InspectionInput) -> InspectionResult:
 
 
 def _refuse_vectors(path: Path) -> None:
-    """Refuse vectors of views, by the scanner's numbers that they state."""
+    """Refuse vectors of views, by the numbers with which a scanner starts whose angles increase from 0 on."""
     views = list_of_views(path)
     if views is None:
         return
     try:
         turn = turning(views)
-        numbers = _numbers(turn) if turn.uneven_mm <= SAME_MM else "its cells are not at equal distances on a line"
-    except GeometryError:
-        numbers = "its views do not turn about one axis"
+        turn.check_even()
+        theta = replace(turn.theta, initial_angle_rad=wrap_angle(turn.theta.initial_angle_rad + turn.angles_rad[0]))
+        turned = " --rotation reversed" if angle_difference(*turn.angles_rad[1::-1]) < 0.0 else ""
+        r_s, pitch = (f"{each:.10g} mm" for each in (turn.scanner.source_to_cor_mm, turn.scanner.detector_pitch_mm))
+        numbers = f"as numbers: --theta {theta.written(12)}{turned}, source to turning axis {r_s}, cells of {pitch}"
+    except GeometryError as error:
+        numbers = str(error)
     what = f"it is a geometry of {views.sinogram_shape[0]} views and no scan; give it as --geometry; {numbers}"
     raise UnreadableScan("geometry-file", what)
-
-
-def _numbers(turn: FanBeamGeometry) -> str:
-    """Write the numbers by which a scanner starts, for scans whose angles increase from 0 on."""
-    theta = replace(turn.theta, initial_angle_rad=wrap_angle(turn.theta.initial_angle_rad + turn.angles_rad[0]))
-    turned = " --rotation reversed" if angle_difference(*turn.angles_rad[1::-1]) < 0.0 else ""
-    r_s, pitch = (f"{each:.10g} mm" for each in (turn.scanner.source_to_cor_mm, turn.scanner.detector_pitch_mm))
-    return f"as numbers: --theta {theta.written(12)}{turned}, source to turning axis {r_s}, cells of {pitch}"
 
 
 def _of_calibration_json(source: InspectionInput, refused: InspectionResult) -> InspectionResult:

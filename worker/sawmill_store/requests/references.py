@@ -10,7 +10,6 @@ from sqlalchemy.orm import Session
 from sawmill_contracts.declared_kinds import asked_kinds
 from sawmill_contracts.kinds import Answer, AskedKind, Reference
 from sawmill_contracts.phantoms import PhantomState
-from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanState
 from sawmill_platform.contracts.jobs import UNFINISHED, JobState
 from sawmill_platform.database.paging import found, hold
@@ -18,7 +17,6 @@ from sawmill_platform.database.tables import JobRow, Json
 from sawmill_platform.errors import Conflict, NotFound
 from sawmill_store.activations import active_calibration_id
 from sawmill_store.mill_tables import Answered, CalibrationRow, PhantomRow, ScannerRow, ScanRow, table_of
-from sawmill_vocabulary import Handedness, Rotation
 
 
 def looked_up(session: Session, references: Iterable[Reference], request: Mapping[str, Any]) -> tuple[Json, list[str]]:
@@ -80,8 +78,10 @@ def _calibration(session: Session, fields: Json) -> str | None:
         return job_id
     if calibration_id is None:
         instead = ", or give theta" if "theta" in fields else ""
-        msg = f"scanner {scanner_id!r} has no active calibration: name one as calibration_id{instead}"
-        raise Conflict("no-active-calibration", msg)
+        raise Conflict(
+            "no-active-calibration",
+            f"scanner {scanner_id!r} has no active calibration: name one as calibration_id{instead}",
+        )
     calibration = found(session, CalibrationRow, "calibration", calibration_id)
     if calibration.scanner_id != scanner_id:
         msg = (
@@ -91,8 +91,10 @@ def _calibration(session: Session, fields: Json) -> str | None:
         raise Conflict("scanner-mismatch", msg)
     state = calibration.job.state
     if state in _WITHOUT_RESULT:
-        msg = f"calibration {calibration_id!r} {_WITHOUT_RESULT[state]} and has no geometry to use"
-        raise Conflict("calibration-without-result", msg)
+        raise Conflict(
+            "calibration-without-result",
+            f"calibration {calibration_id!r} {_WITHOUT_RESULT[state]} and has no geometry to use",
+        )
     hold(session, CalibrationRow, "calibration", calibration_id)
     fields["calibration_id"] = calibration_id
     return None if state.ended else calibration.job_id
@@ -100,11 +102,9 @@ def _calibration(session: Session, fields: Json) -> str | None:
 
 def _imported(session: Session, scanner_id: str) -> Json | None:
     """Return the fields of a request with the scanner's imported geometry, if it has one."""
-    spec = ScannerSpec.model_validate(found(session, ScannerRow, "scanner", scanner_id).spec)
-    if spec.imported_theta is None:
-        return None
-    rotation, handedness = spec.rotation or Rotation.AS_GIVEN, spec.handedness or Handedness.AS_DRAWN
-    return {"theta": vars(spec.imported_theta), "rotation": rotation, "handedness": handedness, "calibration_id": None}
+    spec = found(session, ScannerRow, "scanner", scanner_id).spec
+    theta, turned = spec.get("imported_theta"), {"rotation": spec.get("rotation"), "handedness": spec.get("handedness")}
+    return theta and {"theta": theta, "calibration_id": None, **turned}
 
 
 def _first_activation(session: Session, scanner_id: str) -> str | None:
