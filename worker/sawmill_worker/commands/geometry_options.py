@@ -28,23 +28,6 @@ class Position(Contract):
 Numbers = TypeVar("Numbers", GivenTheta, Position)
 
 
-@dataclass(frozen=True)
-class ThetaSource:
-    """A geometry given by numbers."""
-
-    theta: Theta
-    rotation: Rotation
-    source_to_cor_mm: float
-
-
-@dataclass(frozen=True)
-class CalibrationSource:
-    """A geometry given by the file of a calibration; a constant given in addition must agree."""
-
-    path: Path
-    source_to_cor_mm: float | None
-
-
 class WithGeometry(Command):
     """A command that needs a geometry, as five numbers, as a calibration or as vectors."""
 
@@ -52,24 +35,20 @@ class WithGeometry(Command):
     needs: ClassVar = {"theta": "source_to_cor_mm"}
 
 
-def given_geometry(
-    theta: Theta | None,
-    rotation: Rotation | None,
-    calibration: Path | None,
-    source_to_cor_mm: float | None,
-    vectors: Path | None = None,
-) -> ThetaSource | CalibrationSource | Path:
-    """Return the geometry of the flags, a path for vectors; a rotation with these or a calibration is wrong use."""
-    if vectors is not None and rotation is None:
-        return vectors
-    if calibration is None and vectors is None:
-        assert theta is not None  # noqa: S101 - checked by WithGeometry
-        assert source_to_cor_mm is not None  # noqa: S101
-        return ThetaSource(theta, rotation or Rotation.AS_GIVEN, source_to_cor_mm)
-    if rotation is not None:
-        raise typer.BadParameter("--rotation comes with --theta; a calibration carries its own.")
-    assert calibration is not None  # noqa: S101 - checked by WithGeometry
-    return CalibrationSource(calibration, source_to_cor_mm)
+@dataclass(frozen=True)
+class GeometryFlags:
+    """The geometry of the flags: five numbers with r_S, a calibration whose constants must agree, or vectors."""
+
+    theta: Theta | None
+    rotation: Rotation | None
+    calibration: Path | None
+    source_to_cor_mm: float | None
+    vectors: Path | None
+
+    def __post_init__(self) -> None:
+        """Refuse a rotation that comes with a calibration or vectors."""
+        if self.rotation is not None and self.theta is None:
+            raise typer.BadParameter("--rotation comes with --theta; a calibration carries its own.")
 
 
 def theta_of(text: str) -> Theta:
