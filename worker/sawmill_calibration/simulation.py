@@ -14,7 +14,7 @@ from sawmill_calibration.scans.scan import Scan, read_scan
 from sawmill_contracts.geometry import SimulationOptions
 from sawmill_contracts.phantoms import PhantomDrawing
 from sawmill_formats.input.angles import AngleSteps
-from sawmill_formats.output.scan_writer import write_raw_scan, write_scan
+from sawmill_formats.output.scan_writer import new_scan, write_raw_scan
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray
 from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM, log_slices
 from sawmill_tomography.phantoms.phantom import Phantom
@@ -209,16 +209,18 @@ def write_line_integrals(
 ) -> None:
     """Simulate line integrals, one cross-section per row, into a file, for angles_rad as in `write_counts`."""
     theta = json.dumps(vars(geometry.theta), separators=(",", ":"))
-    write_scan(
+    stack = simulate_rows(slices, geometry, noise=noise, background=background, seed=seed)
+    scan = new_scan(
         path,
-        line_integrals=simulate_rows(slices, geometry, noise=noise, background=background, seed=seed),
+        stack.shape,
         angles_rad=angles_rad,
         detector_pitch_mm=geometry.scanner.detector_pitch_mm,
         row_pitch_mm=row_pitch_mm,
         detector_arc_radius_mm=geometry.scanner.detector_arc_radius_mm,
-        air_level=None,
-        provenance={"simulated": slices[-1].name, "seed": str(seed), "theta": theta},
     )
+    with scan as written:
+        written.data[...] = stack
+        written.note(air_level=None, provenance={"simulated": slices[-1].name, "seed": str(seed), "theta": theta})
 
 
 def write_simulated_scan(

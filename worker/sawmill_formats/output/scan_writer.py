@@ -96,9 +96,12 @@ def new_scan(
 
     Raises
     ------
+    ValueError
+        When the shapes do not agree.
     OSError
         When the file cannot be written.
     """
+    _check_stack("the scan", shape, angles_rad)
     views, rows, detector = shape
     within_chunk = max(1, CHUNK_BYTES // (4 * detector))
     with whole_hdf5(path) as file:
@@ -118,57 +121,6 @@ def new_scan(
         if detector_modules:
             _write_modules(file, placed_modules(detector_modules, detector, detector_pitch_mm), rows)
         yield NewScan(file[scan_layout.DATA])
-
-
-def write_scan(
-    path: Path,
-    *,
-    line_integrals: NDArray[np.float32],
-    angles_rad: NDArray[np.float64],
-    detector_pitch_mm: float,
-    row_pitch_mm: float | None,
-    air_level: NDArray[np.float32] | None,
-    provenance: Mapping[str, str],
-    row_shifts: NDArray[np.float64] | None = None,
-    detector_arc_radius_mm: float | None = None,
-) -> None:
-    """Write a scan of line integrals that are in memory.
-
-    Parameters
-    ----------
-    line_integrals : (views, rows, detector) float32, dimensionless
-    angles_rad : (views,) float64
-    detector_pitch_mm, row_pitch_mm : float
-        Distances between cells and between rows.
-    air_level : (rows, detector) float32, counts, or None
-        Mean flat less mean dark field: with it counts can be recovered from line integrals.
-    provenance : mapping of str to str
-        Origin of the data, written into the file.
-    row_shifts : (views,) float64, rows, or None
-        Shift of each view along the log; None where no view was shifted.
-    detector_arc_radius_mm : float, optional
-        Radius of the arc on which the cells lie.
-
-    Raises
-    ------
-    ValueError
-        When the shapes do not agree.
-    OSError
-        When the file cannot be written.
-    """
-    _check_stack("line_integrals", line_integrals.shape, angles_rad)
-    views, rows, detector = line_integrals.shape
-    scan = new_scan(
-        path,
-        (views, rows, detector),
-        angles_rad=angles_rad,
-        detector_pitch_mm=detector_pitch_mm,
-        row_pitch_mm=row_pitch_mm,
-        detector_arc_radius_mm=detector_arc_radius_mm,
-    )
-    with scan as written:
-        written.data[...] = line_integrals
-        written.note(air_level=air_level, provenance=provenance, row_shifts=row_shifts)
 
 
 def write_raw_scan(
