@@ -74,6 +74,15 @@ def test_wood_that_is_denser_in_places_leaves_poses_less_certain():
     assert bound_mm(0.05) > 1.15 * bound_mm(0.0)
 
 
+def test_a_cell_that_flickers_loses_weight_when_the_poses_are_known():
+    made = scanned(L_SHAPE, 30, 0.3, 0.2, seed=1)
+    flickering = made.task.sinogram.copy()
+    flickering[:, 380] *= np.random.default_rng(1).uniform(0.2, 1.8, 30)
+    found = calibrate(replace(made.task, sinogram=flickering))
+    assert any("outliers" in each.codes for each in found.adjustments)
+    assert made.error_mm(found) < found.findings.error_bars.predicted_ray_error.upper_95_mm < 0.06
+
+
 def test_poses_that_are_switched_off_change_nothing_to_the_last_bit():
     task = scanned(L_SHAPE, 24, 0.05, 0.02, seed=5).task
     plain = calibrate(replace(task, scanner=TURNTABLE))

@@ -45,7 +45,12 @@ from sawmill_tomography.calibration.joint_fit.modules import (
 )
 from sawmill_tomography.calibration.joint_fit.motion_sets import MOST_SLIPS, FitPoint, MotionSets
 from sawmill_tomography.calibration.joint_fit.normal_equations import UNTRUSTED, Column, System, ViewGrams
-from sawmill_tomography.calibration.joint_fit.outliers import inconsistent_views, views_differ, without_views
+from sawmill_tomography.calibration.joint_fit.outliers import (
+    inconsistent_views,
+    views_differ,
+    with_less_weight,
+    without_views,
+)
 from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, Term
 from sawmill_tomography.calibration.joint_fit.selection import (
     BEYOND_CHANCE,
@@ -134,6 +139,11 @@ def fit_consistent_views(
 ) -> tuple[AdjustedFit, JointFit]:
     """Fit as `fit_jointly` does, leaving out the few views that a fit to the remaining views does not explain."""
     joint = fit_jointly(prepared, without, on_step)
+    if prepared.of_passages and Adjustment.OUTLIERS not in without:
+        # Before the poses are known, each view that stands elsewhere is an outlier.
+        weighted = with_less_weight(prepared, prepared, joint.model.residual)
+        joint = joint if weighted is prepared else fit_jointly(weighted, without, on_step)
+        prepared = weighted
     left_out = np.zeros(len(prepared.data.sinogram), bool)
     for _ in range(VIEW_ROUNDS if Adjustment.OUTLIERS not in without else 0):
         inconsistent = (
