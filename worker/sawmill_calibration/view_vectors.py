@@ -12,6 +12,8 @@ from sawmill_calibration.failures import refused
 from sawmill_calibration.known_geometry import GivenGeometry, KnownGeometry
 from sawmill_calibration.scans.scan_rows import ScanRows
 from sawmill_contracts.geometry import ScannerConstants
+from sawmill_formats.errors import UnreadableScan, library_errors_translated
+from sawmill_formats.input.npy import read_header
 from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_tomography.geometry.detector_shape import FlatDetector
 from sawmill_tomography.geometry.geometry import SAME_MM, FanViews, turning
@@ -90,8 +92,13 @@ def list_of_views(path: Path) -> FanViews | None:
     if not path.is_file() or path.stat().st_size > LARGEST_BYTES:
         return None
     try:
-        return read_views(path) if path.read_bytes().startswith((NPY, b"{")) else None
-    except JobFailure:
+        with library_errors_translated("NPY"), path.open("rb") as stream:
+            if stream.peek(1)[:1] != b"{":
+                header = read_header(stream)
+                if header.shape[1:] != (6,) or header.data_bytes > LARGEST_BYTES:
+                    return None
+        return read_views(path)
+    except (JobFailure, UnreadableScan):
         return None
 
 
