@@ -168,7 +168,7 @@ def list_history(
 
     Entries are kept when their subjects are deleted.
     """
-    return history.page(scanner_id, **vars(which))
+    return history.page(scanner_id, **which.model_dump())
 
 
 @router.get(
@@ -182,7 +182,7 @@ def get_history_file(
 ) -> StreamingResponse:
     """Return the same entries, the oldest first, as CSV (RFC 4180) with one line of column names."""
     headers = {"Content-Disposition": f'attachment; filename="{scanner_id}-history.csv"', "Cache-Control": "no-store"}
-    return Csv(history_csv(history.all(scanner_id, **vars(which))), headers=headers)
+    return Csv(history_csv(history.all(scanner_id, **which.model_dump())), headers=headers)
 
 
 @router.get(
