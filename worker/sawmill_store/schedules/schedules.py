@@ -214,16 +214,12 @@ class Schedules:
 def _check_scanner(session: Session, spec: ScheduleSpec) -> None:
     """Lock the schedule's scanner, and refuse drift checks where logs cannot tell."""
     scanner = found(session, ScannerRow, "scanner", spec.scanner_id, lock=True)
-    if spec.kind == "check-drift" and _turns_between_passages(scanner):
+    if spec.kind == "check-drift" and scanner.spec["constants"].get("object_turns") == ObjectTurns.BETWEEN_PASSAGES:
         raise Invalid(
             "turned-between-passages",
             f"scanner {scanner.id!r} turns its logs between passages, and they do not tell whether it has moved: "
             "schedule recalibrate",
         )
-
-
-def _turns_between_passages(scanner: ScannerRow) -> bool:
-    return bool(scanner.spec["constants"].get("object_turns") == ObjectTurns.BETWEEN_PASSAGES)
 
 
 def _in_words(error: Exception) -> str:
@@ -348,7 +344,8 @@ def last_looked_at(scanner_id: ScannerId) -> Select[datetime]:
 
 def next_log(session: Session, scanner_id: str) -> str | None:
     """Choose the log scan that a schedule checks for drift next: none of a log that is turned between passages."""
-    if _turns_between_passages(found(session, ScannerRow, "scanner", scanner_id)):
+    constants = found(session, ScannerRow, "scanner", scanner_id).spec["constants"]
+    if constants.get("object_turns") == ObjectTurns.BETWEEN_PASSAGES:
         return None
     views, is_checked = ScanRow.reading["shape"]["views"].as_integer(), exists().where(DriftRow.scan_id == ScanRow.id)
     logs = select(ScanRow.id, ScanRow.created_at, ScanRow.state, views, is_checked)
