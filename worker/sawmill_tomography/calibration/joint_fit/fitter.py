@@ -130,6 +130,11 @@ def fit_jointly(
     if Adjustment.WOOD_DENSITY not in without and fitter.shows_varying_density():
         fitter.widen(patches=True)
         fitter.fit(on_step)
+        if fitter.left_out:
+            # Wood of one density may have taken the other of two likely rolls.
+            fitter.find_poses(on_step)
+            fitter.rounds = 0
+            fitter.fit(on_step)
     fitter.go_over(on_step, 1 if fitter.of_patches else OTHER_SETS)
     return fitter.result()
 
