@@ -42,8 +42,8 @@ def view_errors(joint: JointFit, statistics: ResidualStatistics) -> ViewErrors |
         # Densities of the wood's patches follow from the columns too, but for their own part.
         columns += patches.whole.columns[len(joint.system.columns) :]
         by_columns = np.zeros((len(patches.change), of_columns.shape[1]))
-        places = [*map(shown.index, rows), *range(len(shown), of_columns.shape[1])]
-        by_columns[:, places] = patches.taken[:, [joint.used[n] for n in (*own, *rest)]]
+        of_used = [*map(shown.index, rows), *range(len(shown), of_columns.shape[1])]
+        by_columns[:, of_used] = patches.taken[:, [joint.used[n] for n in (*own, *rest)]]
         densities = _drawn(patches.inverse * joint.variance * statistics.inflation, rng)
         of_columns = np.concatenate([of_columns, densities - of_columns @ by_columns.T], axis=1)
     terms = [column.term for column in columns]
