@@ -34,7 +34,7 @@ from sawmill_calibration.scans.scan_rows import rows_of
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.reconstructions import ReconstructionOptions
 from sawmill_formats.output.scan_reader import open_scan
-from sawmill_formats.output.scan_writer import write_scan
+from sawmill_formats.output.scan_writer import new_scan
 from sawmill_formats.output.volume_writer import new_reconstruction
 from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, FloatArray, Scanner, Theta
 from sawmill_tomography.geometry.image_grid import ImageGrid
@@ -241,15 +241,10 @@ def make_log(path: Path) -> None:
     stack = np.empty((VIEWS, SLICES, CELLS), np.float32)
     for view, row in enumerate(clean.astype(np.float32)):
         stack[view] = row + rng.standard_normal((SLICES, CELLS), dtype=np.float32)
-    write_scan(
-        path,
-        line_integrals=stack,
-        angles_rad=project.geometry.angles_rad,
-        detector_pitch_mm=SCANNER.detector_pitch_mm,
-        row_pitch_mm=2.0,
-        air_level=None,
-        provenance={},
-    )
+    about = {"detector_pitch_mm": SCANNER.detector_pitch_mm, "row_pitch_mm": 2.0}
+    with new_scan(path, stack.shape, angles_rad=project.geometry.angles_rad, **about) as written:
+        written.data[...] = stack
+        written.note(air_level=None, provenance={})
 
 
 def reconstruct_log(scan: Path, volume: Path) -> None:

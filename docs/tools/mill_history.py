@@ -125,9 +125,7 @@ class _Scans:
         )
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "scan.h5"
-            write_simulated_scan(
-                path, stack, angles, detector_pitch_mm=SCANNER.detector_pitch_mm, row_pitch_mm=ROW_PITCH_MM
-            )
+            write_simulated_scan(path, stack, angles, SCANNER, ROW_PITCH_MM)
             return path.read_bytes()
 
 

@@ -43,13 +43,7 @@ def mill_stack(views: int, slices: list[Phantom]) -> SimulatedStack:
 
 def write_mill_stack(path: Path, views: int, slices: list[Phantom]) -> None:
     """Write raw counts of the example scanner as an NXtomo file."""
-    write_simulated_scan(
-        path,
-        mill_stack(views, slices),
-        full_turn(views),
-        detector_pitch_mm=SCANNER.detector_pitch_mm,
-        row_pitch_mm=ROW_PITCH_MM,
-    )
+    write_simulated_scan(path, mill_stack(views, slices), full_turn(views), SCANNER, ROW_PITCH_MM)
 
 
 def record(folder: Path) -> None:

@@ -67,6 +67,7 @@ class ScannerCondition:
             last_check=_checked(self.drift),
             seen=_checked(self.seen),
             scanned=self.scanned,
+            imported=self.scanner.imported_theta is not None,
             alarms=tuple(alarm.kind for alarm in self.alarms if alarm.kind not in self.acknowledged),
             red=_calibrated(self.red),
         )

@@ -1,6 +1,7 @@
 """`sawmill inspect`: what is in a file, what would be read, what is missing; fields apart, linked HDF5 and folders."""
 
 import json
+from dataclasses import replace
 from zipfile import ZipFile
 
 import h5py
@@ -10,6 +11,11 @@ import scipy.io
 import tifffile
 from hostile import checkers, deflated_twice
 from PIL import Image
+from tests.support.exact_chords import full_turn
+
+from sawmill_calibration.view_vectors import vectors_of
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, Scanner, Theta
+from sawmill_worker.commands.geometry_options import theta_of
 
 VIEWS, ROWS, CELLS = 12, 2, 8
 COUNTS = np.random.default_rng(311).integers(1_000, 30_000, (VIEWS, ROWS, CELLS)).astype(np.uint16)
@@ -75,6 +81,22 @@ def test_our_own_scan_volume_and_calibration(run, phantom_scan, result_hdf5, tmp
     assert "volume" in answer["refusal"]["detail"]
     assert parts_of(answer)["/entry/data/data"]["shape"] == [1, 16, 16]
     assert parts_of(answer)["/VTKHDF/PointData/attenuation"]["leads_to"].startswith("virtual, of ")
+
+
+def test_a_list_of_vectors_is_named_with_the_numbers_by_which_a_scanner_starts(run, tmp_path):
+    scanner, theta = Scanner(859.46, 288, 4.0), Theta(0.7, 715.0, 40.0, 10.0, 0.05)
+    turned = FanBeamGeometry(scanner, theta, -full_turn(40))
+    (tmp_path / "views.json").write_text(json.dumps(vectors_of(turned)))
+    np.save(tmp_path / "rows.npy", turned.astra_vectors())
+    for name in ("views.json", "rows.npy"):
+        refusal = inspect(run, tmp_path / name)["refusal"]
+        assert refusal["code"] == "geometry-file"
+        numbers, how = refusal["detail"].split("--theta ")[1].split(" ", 1)
+        assert how == "--rotation reversed, source to turning axis 860.3903135 mm, cells of 4 mm"
+        assert vars(theta_of(numbers).source_frame(860.3903135)) == pytest.approx(vars(turned.frame), abs=1e-6)
+    arc = FanBeamGeometry(replace(scanner, detector_arc_radius_mm=1500.0), theta, full_turn(40))
+    (tmp_path / "views.json").write_text(json.dumps(vectors_of(arc)))
+    assert "from equal distances on a straight line" in inspect(run, tmp_path / "views.json")["refusal"]["detail"]
 
 
 def test_a_matlab_struct_shows_its_fields_and_the_values_that_could_serve(run, tmp_path):

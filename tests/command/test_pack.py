@@ -125,7 +125,7 @@ def test_a_packed_scan_calibrates_to_the_same_digits(kind, run, stack, phantom_s
 
 def prepared(path, air_level=None, modules=()):
     about = {"angles_rad": np.deg2rad(ANGLES), "detector_pitch_mm": 1.5, "row_pitch_mm": None}
-    with new_scan(path, COUNTS.shape, **about, detector_modules=modules) as written:
+    with new_scan(path, COUNTS.shape, **about, detector_modules=modules, detector_arc_radius_mm=1e3) as written:
         written.data[...] = 1.0
         written.note(air_level=air_level, provenance={"scan": PEOPLE})
     return path, "--data", "line-integrals", "-o", path.with_name("packed.h5"), "--yes"
@@ -136,10 +136,15 @@ def test_a_scan_that_was_prepared_from_counts_is_refused(failure, tmp_path):
     assert failure("pack", *line)["code"] == "scan-refused"
 
 
-def test_modules_of_the_detector_are_kept(run, tmp_path):
-    run("pack", *prepared(tmp_path / "scan.h5", modules=(DetectorModule(first_cell=8, gap_mm=0.7, kink_rad=0.01),)))
+def test_modules_and_arc_of_the_detector_are_kept(run, tmp_path):
+    shown = run(
+        "pack", *prepared(tmp_path / "scan.h5", modules=(DetectorModule(first_cell=8, gap_mm=0.7, kink_rad=0.01),))
+    )
     assert PEOPLE.encode() not in (tmp_path / "packed.h5").read_bytes()
-    (module,) = json.loads(run("inspect", tmp_path / "packed.h5", "--json").stdout)["reading"]["detector_modules"]
+    assert "detector_arc_radius_mm: 1000" in shown.stdout + shown.stderr
+    reading = json.loads(run("inspect", tmp_path / "packed.h5", "--json").stdout)["reading"]
+    assert reading["detector_arc_radius_mm"] == 1000.0
+    (module,) = reading["detector_modules"]
     assert module == pytest.approx({"first_cell": 8, "gap_mm": 0.7, "kink_rad": 0.01}, abs=1e-12)
 
 

@@ -178,7 +178,7 @@ def test_export_writes_the_vectors_of_astra(run, result_file, tmp_path):
 def test_vectors_on_an_arc_give_images_and_drift_checks(run, tmp_path):
     arc, scan = ("--detector-arc-radius-mm", 1500), ("--data", "line-integrals")
     run("simulate", "l-shape", *scan, *THETA, *SMALL, *arc, "--views", 60, "--noise", 0.01, "-o", tmp_path / "scan.h5")
-    given = (tmp_path / "scan.h5", *scan, *arc, "--source-to-cor-mm", SCANNER.source_to_cor_mm)
+    given = (tmp_path / "scan.h5", *scan, "--source-to-cor-mm", SCANNER.source_to_cor_mm)
     answer = run("calibrate", *given, "--phantom", "l-shape", "--json").stdout
     (tmp_path / "answer.json").write_text(answer)
     assert json.loads(answer)["scanner"]["detector_arc_radius_mm"] == 1500

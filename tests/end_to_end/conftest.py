@@ -37,7 +37,7 @@ def phantom_scan(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., byte
     def scan(theta: Theta = THETA, *, views: int = 60, seed: int = 3) -> bytes:
         path, angles = tmp_path_factory.mktemp("scan") / "scan.h5", (np.arange(views) + 0.5) * 2 * np.pi / views
         stack = simulate_stack([L_SHAPE.of_density(SAPWOOD_PER_MM)], FanBeamGeometry(SCANNER, theta, angles), seed=seed)
-        write_simulated_scan(path, stack, angles, detector_pitch_mm=SCANNER.detector_pitch_mm, row_pitch_mm=3.0)
+        write_simulated_scan(path, stack, angles, SCANNER, 3.0)
         return path.read_bytes()
 
     return scan

@@ -16,6 +16,7 @@ import httpx
 import numpy as np
 import pytest
 import results
+import scan_files
 from asgi import asynchronous, scope_of
 from emptied_databases import PostgresDatabases
 from plain_logs import log_plainly
@@ -35,7 +36,6 @@ from sawmill_contracts.schedules import ScheduleSpec
 from sawmill_formats.nexus import PACKED
 from sawmill_formats.output.calibration_file import NamedArray
 from sawmill_formats.output.calibration_file import write_calibration as write_calibration_file
-from sawmill_formats.output.scan_writer import write_scan as write_scan_file
 from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.contracts.keys import KeyRequest, NewKey, Scope
 from sawmill_platform.contracts.uploads import UploadRequest
@@ -326,9 +326,8 @@ def make_volume() -> np.ndarray:
 
 
 def write_scan(folder: Path, lines: np.ndarray) -> None:
-    unknown = {"row_pitch_mm": None, "air_level": None, "provenance": {}}
-    angles = np.deg2rad(np.arange(len(lines)) * 30.0)
-    write_scan_file(folder / "scan.h5", line_integrals=lines, angles_rad=angles, detector_pitch_mm=1.5, **unknown)
+    about = {"angles_rad": np.deg2rad(np.arange(len(lines)) * 30.0), "detector_pitch_mm": 1.5, "row_pitch_mm": None}
+    scan_files.write_scan(folder / "scan.h5", line_integrals=lines, **about)
 
 
 def write_calibration(folder: Path) -> None:

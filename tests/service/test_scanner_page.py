@@ -14,9 +14,11 @@ from sawmill_contracts.calibrations import CalibrationRequest
 from sawmill_contracts.drifts import KnownBaseline
 from sawmill_contracts.measurements import MeasurementKind, Movement
 from sawmill_contracts.scanner_drift import DriftFinding, PooledDrift
+from sawmill_contracts.scans import ScanSpec
 from sawmill_contracts.schedules import ScheduleSpec
 from sawmill_service.pages.charts import DRIFT, MOST_MARKS, Span, days_of, drift_chart, range_of, thinned
 from sawmill_store.mill_tables import ActivationRow, DriftChartRow, MeasurementRow, ScheduleRow, ScheduleRunRow
+from sawmill_vocabulary import DataKind
 
 NOW = datetime(2026, 11, 22, 12, 0, tzinfo=UTC)
 LOOKS = {"checks": 50, "outliers": 0, "first_at": NOW - timedelta(days=9), "last_at": NOW - timedelta(days=9)}
@@ -302,6 +304,37 @@ def test_a_new_scanner_is_added_its_settings_changed_and_decimals_have_a_comma_o
             form = {**SCANNER_FORM, "source_to_cor_mm": typed}
             made = seeded.post("/scanners/new", data=form, headers={"Accept-Language": language}).headers["location"]
             assert store.scanners.get(made.rsplit("/", 1)[1]).constants.source_to_cor_mm == 859.46
+
+
+def test_an_imported_geometry_is_shown_as_not_checked_until_a_calibration_is_accepted(seeded, store, worker):
+    def shown():
+        row = re.search(r'id="scanner-example-spare".*?</li>', seeded.get("/").text, re.DOTALL)
+        return row[0], seeded.get(path).text
+
+    path, typed = "/scanners/example-spare", SCANNER_FORM | {"imported_theta": "146.1deg,714.7"}
+    refused = seeded.post(f"{path}/settings", data=typed).text
+    assert re.findall(r'<input id="(\w+)"[^>]*aria-invalid', refused) == ["imported_theta"]
+    typed["imported_theta"] = "146.1deg,714.7,319.9,43.7,15.7deg"
+    assert seeded.post(f"{path}/settings", data=typed).status_code == 303
+    row, page = shown()
+    for text in (row, page):
+        assert absent(text, "Imported, not checked", "Its geometry is imported, not checked.") == []
+    assert absent(page, f'value="{typed["imported_theta"]}"', "as the imported geometry has it", "<dd>714.7") == []
+    spec = ScanSpec(scanner_id="example-spare", data=DataKind.COUNTS, phantom_id="l-shape")
+    scan = store.scans.accept(spec, store.files.receive([b"x"], max_bytes=10))
+    worker.finish_scan()
+    log = seeded.post("/v1/reconstructions", json={"scan_id": scan.id}).json()
+    check = seeded.post("/v1/drifts", json={"scan_id": scan.id}).json()
+    assert log["options"]["theta"] == check["options"]["theta"]
+    assert (check["calibration_id"], check["links"]["calibration"]) == (None, None)
+    worker.finish_reconstruction()
+    worker.finish_drift(within_tolerance=None)
+    for text in shown():
+        found = re.search("shows the turning axis (.*?) on the detector from the imported geometry", text)[1]
+        assert re.sub(r"\s", " ", found) == "+0.10 mm (± 0.20 mm)"
+    seeded.post("/v1/calibrations", json={"scan_id": scan.id, "activate": True})
+    worker.finish_calibration()
+    assert all("mported geometry." not in text and "not checked." not in text for text in shown())
 
 
 def test_a_watched_folder_is_set_and_its_rules_stay(seeded, store, tmp_path):

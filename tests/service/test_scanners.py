@@ -149,6 +149,14 @@ def test_a_schedule_lives_from_creation_to_deletion_with_a_right_cron_expression
         answer = seeded.post("/v1/schedules", json={**SCHEDULE, "time_zone": zone})
         assert refusal(answer) == (422, "invalid-zone")
         assert f"as Europe/Helsinki or UTC, not {zone!r}" in answer.json()["detail"]
+    passages = {**SPEC, "constants": {**SPEC["constants"], "object_turns": "between-passages"}}
+    here = {"scanner_id": seeded.post("/v1/scanners", json=passages).json()["id"]}
+    assert seeded.post("/v1/schedules", json=SCHEDULE | here).status_code == 201
+    for answer in (
+        seeded.post("/v1/schedules", json=checks | here),
+        seeded.put("/v1/schedules/example", json=checks | here),
+    ):
+        assert refusal(answer) == (422, "turned-between-passages")
 
 
 HISTORY, PAGE = "/v1/scanners/example/history", "/scanners/example/history"

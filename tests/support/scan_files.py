@@ -4,7 +4,7 @@ import io
 import os
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
+from types import MappingProxyType, SimpleNamespace
 from zipfile import ZIP_STORED, ZipFile
 
 import h5py
@@ -16,9 +16,17 @@ import tifffile
 from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.input.reading import reading_scan
 from sawmill_formats.output.scan_reader import open_scan
+from sawmill_formats.output.scan_writer import new_scan
 from sawmill_formats.output.volume_writer import new_reconstruction
 
 VIEWS, ROWS, CELLS = 6, 3, 8
+
+
+def write_scan(path, *, line_integrals, air_level=None, provenance=MappingProxyType({}), row_shifts=None, **about):
+    """Write a scan of ours whose line integrals are in memory."""
+    with new_scan(path, line_integrals.shape, **about) as written:
+        written.data[...] = line_integrals
+        written.note(air_level=air_level, provenance=provenance, row_shifts=row_shifts)
 
 
 def read_stored_scan(path, rows=slice(None), views=None):

@@ -16,7 +16,7 @@ from sawmill_calibration.scans.scan import Scan, read_scan
 from sawmill_contracts.geometry import SimulationOptions
 from sawmill_contracts.phantoms import PhantomDrawing
 from sawmill_formats.input.angles import AngleSteps
-from sawmill_formats.output.scan_writer import write_raw_scan, write_scan
+from sawmill_formats.output.scan_writer import new_scan, write_raw_scan
 from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, FloatArray, SourceFrame, to_vector
 from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM, log_slices
 from sawmill_tomography.phantoms.phantom import Phantom
@@ -195,8 +195,7 @@ def write_passages(
     for file, pair, one in zip(files, scanner.pairs, passed, strict=True):
         flats, darks = (np.repeat(fields[:, None], rows, axis=1) for fields in (one.flats, one.darks))
         stack = SimulatedStack(one.counts, flats, darks)
-        still = np.zeros(passages)
-        write_simulated_scan(file, stack, still, detector_pitch_mm=pair.detector_pitch_mm, row_pitch_mm=row_pitch_mm)
+        write_simulated_scan(file, stack, np.zeros(passages), pair.scanner, row_pitch_mm)
     true = PairedScanner(tuple(pair.at(frame) for pair, frame in zip(scanner.pairs, frames, strict=True)))
     beside = path.with_name(f"{path.stem}-true.json")
     beside.write_bytes(TypeAdapter(PairedScanner).dump_json(true, indent=2) + b"\n")
@@ -261,8 +260,7 @@ def write_counts(
     The scanner counts angles_rad (views,), the geometry has the angles as they are.
     """
     stack = simulate_stack(slices, geometry, physics or UNEQUAL_CELLS, photons=photons, seed=seed)
-    pitch_mm = geometry.scanner.detector_pitch_mm
-    write_simulated_scan(path, stack, angles_rad, detector_pitch_mm=pitch_mm, row_pitch_mm=row_pitch_mm)
+    write_simulated_scan(path, stack, angles_rad, geometry.scanner, row_pitch_mm)
 
 
 def write_line_integrals(
@@ -278,19 +276,22 @@ def write_line_integrals(
 ) -> None:
     """Simulate line integrals, one cross-section per row, into a file, for angles_rad as in `write_counts`."""
     theta = json.dumps(vars(geometry.theta), separators=(",", ":"))
-    write_scan(
+    stack = simulate_rows(slices, geometry, noise=noise, background=background, seed=seed)
+    scan = new_scan(
         path,
-        line_integrals=simulate_rows(slices, geometry, noise=noise, background=background, seed=seed),
+        stack.shape,
         angles_rad=angles_rad,
         detector_pitch_mm=geometry.scanner.detector_pitch_mm,
         row_pitch_mm=row_pitch_mm,
-        air_level=None,
-        provenance={"simulated": slices[-1].name, "seed": str(seed), "theta": theta},
+        detector_arc_radius_mm=geometry.scanner.detector_arc_radius_mm,
     )
+    with scan as written:
+        written.data[...] = stack
+        written.note(air_level=None, provenance={"simulated": slices[-1].name, "seed": str(seed), "theta": theta})
 
 
 def write_simulated_scan(
-    path: Path, stack: SimulatedStack, angles_rad: FloatArray, *, detector_pitch_mm: float, row_pitch_mm: float | None
+    path: Path, stack: SimulatedStack, angles_rad: FloatArray, scanner: Scanner, row_pitch_mm: float | None
 ) -> None:
     """Write counts, flat and dark fields as an NXtomo file; angles_rad (views,) are as the scanner counts them."""
     write_raw_scan(
@@ -301,6 +302,7 @@ def write_simulated_scan(
         flats=stack.flats,
         darks=stack.darks,
         angles_rad=angles_rad,
-        detector_pitch_mm=detector_pitch_mm,
+        detector_pitch_mm=scanner.detector_pitch_mm,
         row_pitch_mm=row_pitch_mm,
+        detector_arc_radius_mm=scanner.detector_arc_radius_mm,
     )

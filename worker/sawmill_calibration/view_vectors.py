@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import dataclass, replace
+from io import BytesIO
 from pathlib import Path
 from typing import Any, Self
 
@@ -11,6 +12,9 @@ from sawmill_calibration.failures import refused
 from sawmill_calibration.known_geometry import GivenGeometry, KnownGeometry
 from sawmill_calibration.scans.scan_rows import ScanRows
 from sawmill_contracts.geometry import ScannerConstants
+from sawmill_formats.errors import UnreadableScan, library_errors_translated
+from sawmill_formats.input.npy import read_header
+from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_tomography.geometry.detector_shape import FlatDetector
 from sawmill_tomography.geometry.geometry import SAME_MM, FanViews, turning
 from sawmill_vocabulary import Handedness, Rotation
@@ -50,6 +54,9 @@ class ImportedGeometry:
 
 
 AnyGeometry = KnownGeometry | ImportedGeometry
+# Larger files are no lists of vectors.
+LARGEST_BYTES = 2**24
+NPY = b"\x93NUMPY"
 NAMES = ("source_mm", "middle_mm", "axis", "cell_borders_mm")
 
 
@@ -70,13 +77,29 @@ def read_views(path: str | Path, cells: int | None = None) -> FanViews:
     """
     path = Path(path)
     try:
-        if path.suffix == ".npy":
-            return FanViews.from_astra(np.load(path, allow_pickle=False), cells or 2)
-        held = json.loads(path.read_bytes())
+        content = path.read_bytes()
+        if content.startswith(NPY):
+            return FanViews.from_astra(np.load(BytesIO(content), allow_pickle=False), cells or 2)
+        held = json.loads(content)
         return FanViews.of(*(held[name] for name in NAMES))
     except (ValueError, TypeError, KeyError, EOFError, RecursionError) as error:
         forms = f"JSON with {', '.join(NAMES)}, or rows of fanflat_vec (.npy)"
         raise refused("geometry", f"{path.name} is no file of geometry, {forms}: {error}") from error
+
+
+def list_of_views(path: Path) -> FanViews | None:
+    """Return the geometry of a file of vectors, as `read_views`; None for any other file, or a folder."""
+    if not path.is_file() or path.stat().st_size > LARGEST_BYTES:
+        return None
+    try:
+        with library_errors_translated("NPY"), path.open("rb") as stream:
+            if stream.peek(1)[:1] != b"{":
+                header = read_header(stream)
+                if header.shape[1:] != (6,) or header.data_bytes > LARGEST_BYTES:
+                    return None
+        return read_views(path)
+    except (JobFailure, UnreadableScan):
+        return None
 
 
 def vectors_of(views: FanViews) -> dict[str, Any]:

@@ -112,13 +112,25 @@ class DriftOptions(Contract):
     )
 
 
+class StoredDriftOptions(DriftOptions):
+    """The part of the scan that is used, and the imported geometry where there was no calibration."""
+
+    theta: Theta | None = Field(
+        None, description="The scanner's imported geometry, which was compared. Null: there was a calibration."
+    )
+    rotation: Rotation | None = Field(
+        None, description="Sense of rotation, with theta: which way the angles count.", examples=["as-given"]
+    )
+
+
 class DriftRequest(DriftOptions, Given):
     """Request to find whether a scanner has moved since a calibration. The scan needs 8 views or more, of any log."""
 
     scan_id: Identifier = Field(examples=["example"], description="Id of the scan.")
     calibration_id: Identifier | None = Field(
         None,
-        description="Id of the calibration to compare with; null: the scanner's active calibration.",
+        description="Id of the calibration to compare with; null: the scanner's active calibration, else its imported "
+        "geometry, which gives a change without a verdict.",
         examples=["example"],
     )
 
@@ -297,8 +309,9 @@ class DriftLinks(Contract):
 
     self: str = Field(description="Path of the drift check.", examples=["/v1/drifts/example"])
     job: str = Field(description="Path of the drift check's job.", examples=["/v1/jobs/example"])
-    calibration: str = Field(
-        description="Path of the calibration to compare with.", examples=["/v1/calibrations/example"]
+    calibration: str | None = Field(
+        description="Path of the calibration to compare with; null: an imported geometry.",
+        examples=["/v1/calibrations/example"],
     )
 
 
@@ -308,9 +321,11 @@ class Drift(Stamped):
     state: JobState = Field(description="State of the job.", examples=["succeeded"])
     scanner_id: Identifier = Field(description="Id of the scanner.", examples=["example"])
     scan_id: Identifier = Field(description="Id of the scan.", examples=["example"])
-    calibration_id: Identifier = Field(description="Id of the calibration to compare with.", examples=["example"])
+    calibration_id: Identifier | None = Field(
+        description="Id of the calibration to compare with; null: the imported geometry.", examples=["example"]
+    )
     job_id: Identifier = Field(description="Id of the job that computes the result.", examples=["example"])
-    options: DriftOptions = Field(description="Options of the request.")
+    options: StoredDriftOptions = Field(description="Options of the request.")
     result: DriftResult | None = Field(None, description="The answer. Null: there is none yet.")
     failure: Failure | None = Field(None, description="Reason of the failure. Null: the job has not failed.")
     links: DriftLinks | None = Field(None, description="Links to the drift check and related resources.")
@@ -324,7 +339,7 @@ DECLARATION = AskedKind(
     about="Changes since a calibration, from a log's scan alone.",
     lighter="ask for fewer rows",
     ask=DriftRequest,
-    options=DriftOptions,
+    options=StoredDriftOptions,
     result=DriftResult,
     answer=Drift,
     read=stored_as(Drift),

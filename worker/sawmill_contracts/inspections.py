@@ -115,6 +115,11 @@ class InspectedReading(ReadingRemarks):
     detector_modules: list[DetectorModule] = Field(
         [], description="Modules of the detector after the first that the file states; empty: it states none."
     )
+    detector_arc_radius_mm: float | None = Field(
+        None,
+        description="Radius of the arc on which the cells lie, which the file states, mm. Null: the file states none.",
+        examples=[1500.0],
+    )
     unused: str | None = Field(
         None,
         description="Values that could be a pitch or a distance; no name states what they are, none is used.",

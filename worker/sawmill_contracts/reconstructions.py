@@ -259,11 +259,9 @@ class ReconstructionOptions(Contract):
     @model_validator(mode="after")
     def _agree(self) -> "ReconstructionOptions":
         if self.alpha is not None and self.alpha_rule not in {AlphaRule.CROSS_VALIDATION, AlphaRule.DISCREPANCY}:
-            msg = "alpha is given, so alpha_rule has nothing to choose: give one of them"
-            raise ValueError(msg)
+            raise ValueError("alpha is given, so alpha_rule has nothing to choose: give one of them")
         if self.preset is not None and (self.sigma is not None or self.beta is not None):
-            msg = "preset brings its own sigma and beta: give the preset or them"
-            raise ValueError(msg)
+            raise ValueError("preset brings its own sigma and beta: give the preset or them")
         return self
 
 
@@ -291,11 +289,9 @@ class StoredReconstructionOptions(ReconstructionOptions):
     @model_validator(mode="after")
     def _one_geometry(self) -> "StoredReconstructionOptions":
         if self.theta is not None and self.calibration_id is not None:
-            msg = "give calibration_id or theta, not both"
-            raise ValueError(msg)
+            raise ValueError("give calibration_id or theta, not both")
         if self.theta is None and (self.rotation is not None or self.handedness is not None):
-            msg = "rotation and handedness come with theta; a calibration carries its own"
-            raise ValueError(msg)
+            raise ValueError("rotation and handedness come with theta; a calibration carries its own")
         return self
 
 

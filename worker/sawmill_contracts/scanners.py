@@ -4,7 +4,7 @@ from typing import Annotated, Self
 
 from pydantic import ConfigDict, Field, model_validator
 
-from sawmill_contracts.geometry import SMALLEST_MM, GivenThetaBounds, PositiveMm, ScannerConstants
+from sawmill_contracts.geometry import SMALLEST_MM, GivenTheta, GivenThetaBounds, PositiveMm, ScannerConstants
 from sawmill_contracts.watched_folders import WatchedFolder
 from sawmill_platform.contracts.base import Contract, Identifier, Name, Stamped
 from sawmill_platform.contracts.given import Given
@@ -75,6 +75,11 @@ class ScannerSpec(Contract):
     )
     watched_folder: WatchedFolder | None = Field(
         None, description="Folder into which the scanner writes its scans. Null: its software sends them."
+    )
+    imported_theta: GivenTheta | None = Field(
+        None,
+        description="Geometry of another program, not checked, which the scanner uses until a calibration is active, "
+        "with `rotation` and `handedness`. Drift checks against it have no verdict. Null: none.",
     )
 
 

@@ -12,6 +12,8 @@ IMAGE_KEY_CONTROL = f"{DETECTOR}/image_key_control"
 # Distances between cells and between rows.
 CELL_PITCH = f"{DETECTOR}/x_pixel_size"
 ROW_PITCH = f"{DETECTOR}/y_pixel_size"
+# Our own: radius of the arc on which the cells lie.
+ARC_RADIUS = f"{DETECTOR}/arc_radius"
 ANGLES = "sample/rotation_angle"
 # Our own group, of a packed scan: the scanner's constants that its owner gave, also in words, and the drawing as JSON.
 GIVEN, PHANTOM_JSON, CONSTANTS = "given", "phantom_json", "constants"

@@ -48,6 +48,7 @@ class Button(StrEnum):
         return button
 
 
+_CALIBRATE = N_("Mount the phantom, scan it, and calibrate.")
 _NOTHING = N_("Nothing needs to be done.")
 _NEARLY = N_("It has moved nearly as far as is allowed: %(moved_mm).2f mm, and %(allowed_mm).2f mm is allowed.")
 
@@ -55,8 +56,13 @@ _NEARLY = N_("It has moved nearly as far as is allowed: %(moved_mm).2f mm, and %
 class StepMessage(Message):
     """Messages of the steps; an empty template takes the words of the reason for the step."""
 
-    NEW = "new", N_("It has no scan yet."), N_("Mount the phantom, scan it, and calibrate.")
-    NEVER = "never-calibrated", N_("It has never been calibrated."), N_("Mount the phantom, scan it, and calibrate.")
+    NEW = "new", N_("It has no scan yet."), _CALIBRATE
+    NEVER = "never-calibrated", N_("It has never been calibrated."), _CALIBRATE
+    IMPORTED = (
+        "imported",
+        N_("Its geometry is imported, not checked."),
+        _CALIBRATE,
+    )
     FAILED = (
         "failed",
         N_("The scan of the phantom could not be calibrated."),
@@ -169,6 +175,7 @@ class NextStep:
 _STEPS = {
     StepMessage.NEW: (Button.CALIBRATE, "idle", N_("New")),
     StepMessage.NEVER: (Button.CALIBRATE, "idle", N_("Never calibrated")),
+    StepMessage.IMPORTED: (Button.CALIBRATE, "idle", N_("Imported, not checked")),
     StepMessage.FAILED: (Button.CALIBRATE, "bad", N_("Calibration failed")),
     StepMessage.FAILED_SINCE: (Button.CALIBRATE, "watch", N_("Last calibration failed")),
     StepMessage.WRONG: (Button.SCAN_AGAIN, "bad", N_("Calibration failed")),
@@ -208,7 +215,8 @@ def next_step(state: ScannerState) -> NextStep:
     """Return the next step with a scanner, which is also the next step with its newest calibration."""
     newest = state.newest
     if newest is None:
-        never = StepMessage.NEVER if state.scanned else StepMessage.NEW
+        uncalibrated = StepMessage.NEVER if state.scanned else StepMessage.NEW
+        never = StepMessage.IMPORTED if state.imported else uncalibrated
         return _step(never if state.failure is None else StepMessage.FAILED)
     red = _out_of_tolerance(state, newest)
     failed = None if state.failure is None else _step(StepMessage.FAILED_SINCE)

@@ -53,7 +53,7 @@ class Checked(NamedTuple):
     """A drift check that ended; `within_tolerance` is None where it failed or could not tell."""
 
     created_at: datetime
-    calibration_id: str
+    calibration_id: str | None
     within_tolerance: bool | None
     ray_change_mm: float = 0.0
     tolerance_mm: float = 0.0
@@ -67,7 +67,7 @@ class ScannerState:
     `newest` is the newest calibration that succeeded, `active_id` the one in use, `failure` why a newer one failed.
     `red` is the newest one that nobody has accepted, passed over or discarded and that shows the scanner red.
     `last_check` is the newest drift check that ended, `seen` the newest one that could tell whether the scanner has
-    moved since the active calibration. `alarms` are the open ones.
+    moved since the active calibration. `imported` tells of a geometry of another program. `alarms` are the open ones.
     """
 
     newest: Calibrated | None = None
@@ -77,6 +77,7 @@ class ScannerState:
     last_check: Checked | None = None
     seen: Checked | None = None
     scanned: bool = True
+    imported: bool = False
     alarms: tuple[AlarmKind, ...] = ()
     red: Calibrated | None = None
 
@@ -157,7 +158,7 @@ class DriftCheck(NamedTuple):
     tells that a check of the same file by the same method is in the chart.
     """
 
-    calibration_id: str
+    calibration_id: str | None
     active_id: str
     log_came_at: datetime
     phantom_came_at: datetime

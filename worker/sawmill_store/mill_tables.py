@@ -188,7 +188,7 @@ class DriftRow(Answered):
 
     scanner_id: Mapped[str] = mapped_column(ForeignKey("scanners.id"))
     scan_id: Mapped[str] = mapped_column(String(64), index=True)
-    calibration_id: Mapped[str] = mapped_column(ForeignKey("calibrations.id"), index=True)
+    calibration_id: Mapped[str | None] = mapped_column(ForeignKey("calibrations.id"), index=True)
 
 
 class PlanRow(Answered):

@@ -11,7 +11,7 @@ Contracts and sentences write the tilt in degrees; everything else has radians.
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
 from typing import Annotated, Self
 
@@ -21,6 +21,8 @@ from sawmill_vocabulary.choices import ObjectTurns
 from sawmill_vocabulary.outlines import AsContract
 
 TAU = 2.0 * math.pi
+# The unit of an angle in a text.
+DEGREES = "deg"
 # Largest length at a scanner, mm.
 LARGEST_MM = 1e5
 # Fields of a scanner that say where the detector's cells are.
@@ -46,6 +48,16 @@ def wrap_angle(angle_rad: float) -> float:
     wrapped = math.fmod(angle_rad, TAU)
     wrapped = wrapped + TAU if wrapped < 0.0 else wrapped
     return 0.0 if wrapped >= TAU else wrapped
+
+
+def _angle_rad(text: str) -> float:
+    """Read an angle in radians, or in degrees if it ends with `deg`."""
+    return math.radians(float(text.removesuffix(DEGREES))) if text.endswith(DEGREES) else float(text)
+
+
+def _slope(text: str) -> float:
+    """Read a slope, or an angle in degrees if it ends with `deg`."""
+    return math.tan(_angle_rad(text)) if text.endswith(DEGREES) else float(text)
 
 
 def angle_difference(a_rad: float, b_rad: float) -> float:
@@ -273,6 +285,20 @@ class Theta(AsContract):
         alpha0, r_d, h_s, h_d, alpha_d = (float(value) for value in vector)
         return cls(alpha0, r_d, h_s, h_d, alpha_d)
 
+    @classmethod
+    def numbers(cls, text: str) -> dict[str, float]:
+        """Read the fields from numbers separated by commas, angles as 146.1deg or in radians; or raise ValueError."""
+        read = {"initial_angle_rad": _angle_rad, "detector_tilt": _slope}
+        parts = zip((one.name for one in fields(cls)), text.split(","), strict=True)
+        return {name: read.get(name, float)(part) for name, part in parts}
+
+    def written(self, digits: int = 8) -> str:
+        """Write the five numbers as `numbers` reads them."""
+        angles = (math.degrees(self.initial_angle_rad), math.degrees(math.atan(self.detector_tilt)))
+        lengths = (self.detector_to_cor_mm, self.source_shift_mm, self.detector_shift_mm)
+        first, *others = (f"{value:.{digits}g}" for value in (angles[0], *lengths))
+        return f"{first}deg,{','.join(others)},{angles[1]:.{digits - 2}g}deg"
+
     def source_frame(self, source_to_cor_mm: float) -> SourceFrame:
         """Return the source frame (psi, R, SDD, u_c, tau) of this theta."""
         delta = math.atan2(self.source_shift_mm, source_to_cor_mm)
@@ -299,16 +325,6 @@ class Theta(AsContract):
             source_shift_mm=-self.source_shift_mm,
             detector_shift_mm=-x,
             detector_tilt=math.tan(math.atan(self.detector_tilt) - 2.0 * delta),
-        )
-
-    def read_backwards(self) -> "Theta":
-        """Return the theta of this scan with the detector read backwards, the rotation reversed, seen from behind."""
-        return Theta(
-            initial_angle_rad=wrap_angle(math.pi - self.initial_angle_rad),
-            detector_to_cor_mm=self.detector_to_cor_mm,
-            source_shift_mm=-self.source_shift_mm,
-            detector_shift_mm=-self.detector_shift_mm,
-            detector_tilt=-self.detector_tilt,
         )
 
 

@@ -51,7 +51,7 @@ def drift(
     """
     if calibration is None and baseline:
         raise typer.BadParameter("--baseline comes with --calibration: nominal distances have no earlier checks.")
-    known_by = geometry_options.given_geometry(theta, rotation, calibration, source_to_cor_mm, geometry)
+    known_by = geometry_options.GeometryFlags(theta, rotation, calibration, source_to_cor_mm, geometry)
     source = shared.scan_source(scan, reading, views=views, rows=options.rows)
     with answering(as_json=as_json), showing_progress("drift") as progress:
         with importing():

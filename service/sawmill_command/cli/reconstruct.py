@@ -70,7 +70,7 @@ def reconstruct(
     as_json: shared.JsonFlag = False,
 ) -> None:
     """Reconstruct each row of a scan."""
-    known_by = geometry_options.given_geometry(theta, rotation, calibration, source_to_cor_mm, geometry)
+    known_by = geometry_options.GeometryFlags(theta, rotation, calibration, source_to_cor_mm, geometry)
     if alpha_curve is not None and options.method is not ReconstructionMethod.TIKHONOV:
         raise typer.BadParameter("--alpha-curve is a picture of --method tikhonov.")
     source = shared.scan_source(scan, reading, views=options.views, rows=options.rows)
@@ -107,7 +107,7 @@ def image_quality(
     as_json: shared.JsonFlag = False,
 ) -> None:
     """Measure sharpness (MTF) and noise of images from a scan of a plain disc, which cannot calibrate."""
-    known_by = geometry_options.given_geometry(theta, rotation, calibration, source_to_cor_mm, geometry)
+    known_by = geometry_options.GeometryFlags(theta, rotation, calibration, source_to_cor_mm, geometry)
     source = shared.scan_source(scan, reading, views=options.views, rows=options.rows)
     with answering(as_json=as_json), showing_progress("image quality") as progress:
         with importing():

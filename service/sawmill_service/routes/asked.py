@@ -131,7 +131,8 @@ def linked(declared: AskedKind[Any, Any], answer: Any) -> Any:  # noqa: ANN401 -
     links = {"self": path, "job": f"/v1/jobs/{answer.job_id}"}
     links |= {name: f"{path}/{file}" for name, file in declared.files.items()}
     for name in declared.links.model_fields.keys() - links.keys():
-        links[name] = f"/v1/{name}s/{getattr(answer, f'{name}_id')}"
+        identifier = getattr(answer, f"{name}_id")
+        links[name] = identifier and f"/v1/{name}s/{identifier}"
     update: dict[str, Contract] = {"links": declared.links.model_validate(links)}
     if isinstance(answer, CalibrationSucceeded):
         update["next_step"] = step_alone(answer).answer

@@ -3,7 +3,7 @@
 import csv
 import io
 from collections.abc import Iterable, Iterator
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import Depends, Query, Response
 from fastapi.responses import StreamingResponse
@@ -54,10 +54,6 @@ class HistoryFilter(Given):
         description="End of the entries' span of time, itself left out, RFC 3339.",
         examples=["2030-01-01T00:00:00Z"],
     )
-
-    def narrowed(self) -> dict[str, Any]:
-        """Return the filter as the store takes it."""
-        return {"kind": self.kind, "since": self.since, "until": self.until}
 
 
 class HistoryPaging(HistoryFilter, Paging):
@@ -172,7 +168,7 @@ def list_history(
 
     Entries are kept when their subjects are deleted.
     """
-    return history.page(scanner_id, **which.narrowed(), after=which.after, limit=which.limit)
+    return history.page(scanner_id, **which.model_dump())
 
 
 @router.get(
@@ -186,7 +182,7 @@ def get_history_file(
 ) -> StreamingResponse:
     """Return the same entries, the oldest first, as CSV (RFC 4180) with one line of column names."""
     headers = {"Content-Disposition": f'attachment; filename="{scanner_id}-history.csv"', "Cache-Control": "no-store"}
-    return Csv(history_csv(history.all(scanner_id, **which.narrowed())), headers=headers)
+    return Csv(history_csv(history.all(scanner_id, **which.model_dump())), headers=headers)
 
 
 @router.get(

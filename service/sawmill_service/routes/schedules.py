@@ -27,7 +27,7 @@ EXAMPLE = {"scanner_id": "example", "cron": "30 5 * * 1-6", "time_zone": "Europe
     status_code=201,
     summary="Schedule a scanner's recalibration or drift checks",
     openapi_extra=trying(body=EXAMPLE),
-    responses=LOCATED | refuses("scanner-not-found", "invalid-cron", "invalid-zone"),
+    responses=LOCATED | refuses("scanner-not-found", "invalid-cron", "invalid-zone", "turned-between-passages"),
 )
 @repeatable
 def create_schedule(spec: Sent[ScheduleRequest], schedules: TheSchedules, response: Response) -> Schedule:
@@ -57,7 +57,8 @@ def get_schedule(schedule_id: Identifier, schedules: TheSchedules, response: Res
     needs=Scope.ACTIVATE,
     summary="Replace a schedule",
     openapi_extra=trying(body=EXAMPLE),
-    responses=REPLACED | refuses("schedule-not-found", "scanner-not-found", "invalid-cron", "invalid-zone"),
+    responses=REPLACED
+    | refuses("schedule-not-found", "scanner-not-found", "invalid-cron", "invalid-zone", "turned-between-passages"),
 )
 def replace_schedule(
     schedule_id: Identifier,

@@ -132,9 +132,25 @@ def test_a_scan_of_ours_keeps_its_modules(tmp_path, modules):
     path, stack = tmp_path / "scan.h5", np.ones((VIEWS, 1, CELLS), np.float32)
     angles_rad = np.deg2rad(90.0 * np.arange(VIEWS))
     about = {"detector_pitch_mm": PITCH_MM, "row_pitch_mm": None, "detector_modules": modules}
+    about["detector_arc_radius_mm"] = 20.0
     with new_scan(path, stack.shape, angles_rad=angles_rad, **about) as written:
         written.data[...] = stack
         written.note(air_level=None, provenance={})
     with open_scan(path) as own, reading_scan(path, counts=False) as read:
         np.testing.assert_allclose(values(own.detector_modules), values(modules), atol=1e-12)
         np.testing.assert_allclose(values(read.detector_modules), values(modules), atol=1e-12)
+        assert own.detector_arc_radius_mm == read.detector_arc_radius_mm == 20.0
+
+
+@pytest.mark.parametrize(
+    ("radius", "unit", "why"), [(1.9, "cm", "it is 19 mm"), (-1, "m", "it is -1000"), (1, "s", "'s'")]
+)
+def test_an_arc_of_more_than_half_a_circle_is_ignored_and_that_is_said(tmp_path, radius, unit, why):
+    def bend(detector):
+        detector["arc_radius"] = radius
+        detector["arc_radius"].attrs["units"] = unit
+
+    write(tmp_path / "scan.nxs", (), change=bend)
+    with reading_scan(tmp_path / "scan.nxs", counts=False) as scan:
+        assert scan.detector_arc_radius_mm is None
+        assert why in str(scan.remarks)

@@ -7,12 +7,11 @@ import zlib
 import h5py
 import numpy as np
 import pytest
-from scan_files import new_volume, read_stored_scan
+from scan_files import new_volume, read_stored_scan, write_scan
 
 from sawmill_formats.errors import OutOfRange, UnreadableScan, library_errors_translated, quoted
 from sawmill_formats.nexus import PACKED
 from sawmill_formats.output.scan_reader import open_scan, sinogram
-from sawmill_formats.output.scan_writer import write_scan
 from sawmill_formats.output.volume_reader import check_volume, side_view, volume_slice, volume_slices
 from sawmill_formats.output.volume_writer import fletcher32, pack, write_chunk
 from sawmill_platform.errors import DamagedResult
@@ -27,7 +26,7 @@ def stack() -> np.ndarray:
 
 @pytest.fixture
 def scan(tmp_path, stack):
-    about = {"detector_pitch_mm": 1.5, "row_pitch_mm": None, "air_level": None, "provenance": {}}
+    about = {"detector_pitch_mm": 1.5, "row_pitch_mm": None}
     write_scan(tmp_path / "scan.h5", line_integrals=stack, angles_rad=np.deg2rad(np.arange(5) * 72.0), **about)
     return tmp_path / "scan.h5"
 

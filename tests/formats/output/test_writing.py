@@ -10,14 +10,14 @@ from datetime import UTC, datetime, timedelta
 import h5py
 import numpy as np
 import pytest
-from scan_files import read_scan, read_stored_scan
+from scan_files import read_scan, read_stored_scan, write_scan
 
 from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.hdf5 import whole_hdf5
 from sawmill_formats.input.own import is_own_scan
 from sawmill_formats.nexus import unit_of, write_mapping
 from sawmill_formats.output.calibration_file import NamedArray, write_calibration
-from sawmill_formats.output.scan_writer import write_raw_scan, write_scan
+from sawmill_formats.output.scan_writer import write_raw_scan
 from sawmill_formats.output.volume_writer import new_reconstruction
 
 

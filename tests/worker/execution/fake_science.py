@@ -23,7 +23,7 @@ from sawmill_contracts import kinds
 from sawmill_contracts.handed_over import HandedOver
 from sawmill_contracts.reconstructions import Reconstruction
 from sawmill_formats.output.scan_layout import DATA
-from sawmill_formats.output.scan_writer import write_scan
+from sawmill_formats.output.scan_writer import new_scan
 from sawmill_formats.output.volume_writer import new_reconstruction
 from sawmill_platform.attempts.attempt import main
 from sawmill_platform.attempts.protocol import Attempt, Needs, Succeeded, to_line
@@ -44,9 +44,10 @@ LIMITS = ("DATA", "CPU", "FSIZE", "NOFILE", "CORE")
 def succeed(attempt: Attempt) -> dict[str, Any]:
     print("libraries print things")  # noqa: T201 - must not disturb the protocol
     attempt.report(Progress(fraction=0.5, stage="reading"))
-    written = {"line_integrals": np.zeros((20, 1, 768), np.float32), "angles_rad": np.arange(20) * 0.1}
-    about = {"detector_pitch_mm": 1.5, "row_pitch_mm": None, "air_level": None, "provenance": {}}
-    write_scan(attempt.output / "scan.h5", **written, **about)
+    about = {"angles_rad": np.arange(20) * 0.1, "detector_pitch_mm": 1.5, "row_pitch_mm": None}
+    with new_scan(attempt.output / "scan.h5", (20, 1, 768), **about) as written:
+        written.data[...] = 0.0
+        written.note(air_level=None, provenance={})
     return results.reading(remarks=[f"attempt {attempt.job.attempt}, process {os.getpid()}"])
 
 

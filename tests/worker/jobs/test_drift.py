@@ -14,6 +14,7 @@ from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import CalibrationRequest, CalibrationResult
 from sawmill_contracts.drifts import DriftRequest, DriftResult, KnownBaseline
 from sawmill_contracts.geometry import ScannerConstants
+from sawmill_contracts.reconstructions import ReconstructionRequest
 from sawmill_contracts.scanners import ScannerSpec, Tolerances
 from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_platform.contracts.jobs import FailureKind
@@ -135,6 +136,23 @@ def test_the_job_answers_with_what_moved(asked, turn, finish, store):
     finish(looking, result.model_dump(mode="json"))
     stored = store.drifts.get(looking.job.subject_id).result
     assert stored == result.ended(stored.at)
+
+
+def test_a_scanner_starts_from_an_imported_geometry_and_its_checks_have_no_verdict(
+    store, send, ingest, attempt, turn
+):
+    spec = ScannerSpec(name="Line 2", constants=CONSTANTS, imported_theta=vars(THETA), rotation="reversed")
+    store.scanners.update("line-2", spec)
+    stack = np.flip(log_scan(turn, TURNTABLE), 0)[:, None]
+    scan = ingest(send(stack, data=DataKind.LINE_INTEGRALS, angles_deg="1.5:3"))
+    store.reconstructions.accept(ReconstructionRequest(scan_id=scan.id, method="fbp", size=32, field_mm=300.0))
+    assert run(attempt(kinds.RECONSTRUCT))["theta"] == pytest.approx(vars(THETA))
+    store.drifts.accept(DriftRequest(scan_id=scan.id))
+    checking = attempt(kinds.DRIFT)
+    found = run(checking)
+    assert (found["within_tolerance"], found["reference"], found["rotation"]) == (None, "given-geometry", "reversed")
+    moved_mm = TURNTABLE.source_frame(859.46).cor_column_mm - THETA.source_frame(859.46).cor_column_mm
+    assert found["change"]["cor_column_mm"] == pytest.approx(moved_mm, abs=0.2)
 
 
 def test_the_job_takes_the_baseline_that_it_is_handed(asked, turn):

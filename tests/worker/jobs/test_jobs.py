@@ -29,7 +29,7 @@ from sawmill_tomography.phantoms.phantom import Disc, Phantom
 from sawmill_tomography.projection.analytic import DetectorCells, project
 from sawmill_vocabulary import DataKind, DetectorModule, ReconstructionMethod, Scanner
 from sawmill_vocabulary.calibration_arrays import CalibrationArrays
-from sawmill_worker.jobs.calibrate import declared_modules, known_cells
+from sawmill_worker.jobs.calibrate import declared_cells, known_cells
 from sawmill_worker.jobs.running import run
 
 pytestmark = pytest.mark.slow
@@ -174,34 +174,38 @@ def test_a_picture_is_traced_to_its_drawing(store, attempt):
     assert np.abs(difference).mean() < 1e-3
 
 
-def test_modules_that_a_file_states_stay_with_its_scan(store, spec, attempt, tmp_path):
+@pytest.fixture
+def sent(store, spec, attempt, tmp_path):
+    """What is kept of a file that states modules and an arc."""
     store.scanners.create(spec(), scanner_id="line-2")
     about = {"angles_rad": np.deg2rad(60.0 * np.arange(6)), "detector_pitch_mm": 9.0, "row_pitch_mm": None}
-    modules = (DetectorModule(64, 1.5, 0.01),)
-    with new_scan(tmp_path / "sent.nxs", (6, 1, 128), **about, detector_modules=modules) as written:
+    cells = {"detector_modules": (DetectorModule(64, 1.5, 0.01),), "detector_arc_radius_mm": 1500.0}
+    with new_scan(tmp_path / "sent.nxs", (6, 1, 128), **about, **cells) as written:
         written.data[...] = 1.0
         written.note(air_level=None, provenance={})
     received = store.files.receive([(tmp_path / "sent.nxs").read_bytes()], max_bytes=10**7)
     store.scans.accept(ScanSpec(scanner_id="line-2", data=DataKind.LINE_INTEGRALS), received)
     reading = attempt(kinds.INGEST)
     run(reading)
-    (kept,) = read_stored_scan(reading.output / "scan.h5").detector_modules
+    return read_stored_scan(reading.output / "scan.h5")
+
+
+def test_cells_that_a_file_states_stay_with_its_scan_and_a_scanners_declared_ones_come_first(sent):
+    constants = ScannerConstants(source_to_cor_mm=859.46, num_detector_pixels=128, detector_pitch_mm=9.0)
+    used = declared_cells(constants, sent)
+    (kept,) = used.detector_modules
     assert (kept.first_cell, kept.gap_mm, kept.kink_rad) == pytest.approx((64, 1.5, 0.01))
+    assert used.detector_arc_radius_mm == 1500.0
+    declared = replace(constants, detector_modules=(DetectorModule(64, 0.3),), detector_arc_radius_mm=1574.0)
+    assert declared_cells(declared, sent) == declared
 
 
-def test_a_scanners_declared_modules_come_before_those_of_a_file():
-    constants = ScannerConstants(source_to_cor_mm=859.46, num_detector_pixels=768, detector_pitch_mm=1.5)
-    of_scanner, of_file = (DetectorModule(384, 0.3),), (DetectorModule(384, 0.2),)
-    assert declared_modules(constants, of_file) == of_file
-    assert declared_modules(replace(constants, detector_modules=of_scanner), of_file) == of_scanner
-
-
-def test_a_calibration_starts_from_the_cells_of_the_detector_that_is_there():
+def test_a_calibration_starts_from_the_cells_of_the_detector_that_is_there(sent):
     found = (DetectorModule(900, 0.5),)
     wide = ScannerConstants(source_to_cor_mm=859.46, num_detector_pixels=1536, detector_pitch_mm=0.75)
     calibrated, exchanged = replace(wide, detector_modules=found), replace(wide, num_detector_pixels=768)
     calibrated = replace(calibrated, detector_arc_radius_mm=1574.0, detector_waves_mm=(0.2, -0.1))
-    assert known_cells(wide, (), None) == wide
-    assert known_cells(wide, (), calibrated) == calibrated
+    assert known_cells(wide, sent, None).detector_arc_radius_mm == 1500.0
+    assert known_cells(wide, sent, calibrated) == calibrated
     assert bare_scanner(calibrated) == Scanner(859.46, 1536, 0.75, (), 1574.0, (0.2, -0.1))
-    assert known_cells(exchanged, (), calibrated) == exchanged, "a detector of 768 cells has no cell 900"
+    assert known_cells(exchanged, sent, calibrated).detector_modules == sent.detector_modules, "768 cells have no 900"

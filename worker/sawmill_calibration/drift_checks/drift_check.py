@@ -327,15 +327,12 @@ def found_column(geometry: GivenGeometry, fit: change.DetectorFit) -> str:
     theta, given_sdd_mm = corrected_theta(geometry, fit), geometry.source_frame.source_to_detector_mm
     detector = fit.at_distance(given_sdd_mm)
     (column, tilt), (column_deviation, tilt_deviation) = detector.values, detector.deviations
-    written = (
-        f"{math.degrees(theta.initial_angle_rad):.8g}deg,{theta.detector_to_cor_mm:.8g},{theta.source_shift_mm:.8g},"
-        f"{theta.detector_shift_mm:.8g},{math.degrees(math.atan(theta.detector_tilt)):.6g}deg"
-    )
     turned = "" if fit.rotation is Rotation.AS_GIVEN else f" --rotation {fit.rotation.value}"
     sentence = (
         f"the COR falls on the detector at u_c {column:.4g} ± {column_deviation:.2g} mm with a tilt "
         f"of {math.degrees(tilt):.3g} ± {math.degrees(tilt_deviation):.2g} degrees (standard deviations): reconstruct "
-        f"with --theta {written}{turned}, in which these two are measured, and R, SDD and the first angle are as given"
+        f"with --theta {theta.written()}{turned}, in which these two are measured, and R, SDD and the first angle are "
+        "as given"
     )
     if fit.rotation is not geometry.rotation:
         sentence += f"; the views turn {fit.rotation.value}, not {geometry.rotation.value}"

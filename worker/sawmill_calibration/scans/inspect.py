@@ -13,6 +13,7 @@ from sawmill_calibration.failures import memory_available
 from sawmill_calibration.pictures.images import small_square
 from sawmill_calibration.result_file import read_saved_calibration
 from sawmill_calibration.scans.scan_rows import links_offered, of_file
+from sawmill_calibration.view_vectors import list_of_views
 from sawmill_contracts.inspections import (
     PICTURE_PX,
     FilePart,
@@ -38,7 +39,8 @@ from sawmill_formats.reading_apart import read_apart
 from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.jobs import Failure, FailureKind
-from sawmill_vocabulary import DataKind
+from sawmill_tomography.geometry.geometry import turning
+from sawmill_vocabulary import DataKind, GeometryError, angle_difference, wrap_angle
 
 # Largest number of listed parts: a person reads the first page, and a program names the part that it needs.
 MOST_PARTS = 2_000
@@ -99,6 +101,7 @@ def inspect_file(source: InspectionInput) -> InspectionResult:
     try:
         if not source.uploaded:  # an upload is inspected in a process that may end
             read_apart(source.path, source.flats, source.darks, follow_links=source.follow_links)
+        _refuse_vectors(source.path)
         format_ = None if source.path.is_file() and is_picture(source.path) else recognise(source.path)
     except UnreadableScan as error:
         result = result.model_copy(update={"refusal": _failure(error.code, str(error))})
@@ -112,6 +115,24 @@ def inspect_file(source: InspectionInput) -> InspectionResult:
     of_file = {"format": format_.name if format_ else PNG, "own_kind": kind, "listing_ended": ended}
     listed = {"parts": parts[:MOST_PARTS], "parts_left_out": max(0, len(parts) - MOST_PARTS)}
     return result.model_copy(update={**of_file, **listed, **read})
+
+
+def _refuse_vectors(path: Path) -> None:
+    """Refuse vectors of views, by the numbers with which a scanner starts whose angles increase from 0 on."""
+    views = list_of_views(path)
+    if views is None:
+        return
+    try:
+        turn = turning(views)
+        turn.check_even()
+        theta = replace(turn.theta, initial_angle_rad=wrap_angle(turn.theta.initial_angle_rad + turn.angles_rad[0]))
+        turned = " --rotation reversed" if angle_difference(*turn.angles_rad[1::-1]) < 0.0 else ""
+        r_s, pitch = (f"{each:.10g} mm" for each in (turn.scanner.source_to_cor_mm, turn.scanner.detector_pitch_mm))
+        numbers = f"as numbers: --theta {theta.written(12)}{turned}, source to turning axis {r_s}, cells of {pitch}"
+    except GeometryError as error:
+        numbers = str(error)
+    what = f"it is a geometry of {views.sinogram_shape[0]} views and no scan; give it as --geometry; {numbers}"
+    raise UnreadableScan("geometry-file", what)
 
 
 def _of_calibration_json(source: InspectionInput, refused: InspectionResult) -> InspectionResult:
@@ -236,6 +257,7 @@ def _reading(contents: FileContents, source: InspectionInput, scan: CanonicalSca
         detector_pitch_mm=contents.pitch.mm or source.detector_pitch_mm,
         row_pitch_mm=contents.row_pitch.mm or source.row_pitch_mm,
         detector_modules=list(contents.detector_modules),
+        detector_arc_radius_mm=contents.detector_arc_radius_mm,
         unused=contents.unused,
         other_files=[str(path) for path in contents.others],
         remarks=list(remarks),

@@ -73,6 +73,8 @@ def packing(
         row_pitch_mm=options.row_pitch_mm,
     )
     with links_offered(followed=options.follow_links), opened as scan:
+        if scan.detector_arc_radius_mm is not None:
+            given.setdefault("detector_arc_radius_mm", scan.detector_arc_radius_mm)
         kept, unknown = _described(scan, given)
         yield ScanPack(kept, left_out, unknown, partial(_write, scan, given))
 
@@ -122,5 +124,6 @@ def _write(scan: CanonicalScan, given: dict[str, Any], path: Path) -> None:
         detector_pitch_mm=scan.detector_pitch_mm,
         row_pitch_mm=scan.row_pitch_mm,
         detector_modules=scan.detector_modules,
+        detector_arc_radius_mm=given.get("detector_arc_radius_mm"),
         given=given | {nxtomo.CONSTANTS: words},
     )

@@ -133,6 +133,7 @@ def prepare_scan(
         detector_pitch_mm=detector_pitch_mm,
         row_pitch_mm=read.row_pitch_mm,
         detector_modules=read.detector_modules,
+        detector_arc_radius_mm=read.detector_arc_radius_mm,
         views_together=min(step_views, at_a_time) if by_views or aligns else None,
     )
     with scan as written:

@@ -292,7 +292,7 @@ def _scanner(r_s: float, scan: OpenScan, options: UnregisteredScanOptions) -> Sc
             num_detector_pixels=scan.shape[2],
             detector_pitch_mm=scan.detector_pitch_mm,
             detector_modules=scan.detector_modules,
-            detector_arc_radius_mm=options.detector_arc_radius_mm,
+            detector_arc_radius_mm=options.detector_arc_radius_mm or scan.detector_arc_radius_mm,
             object_turns=options.object_turns,
             row_pitch_mm=scan.row_pitch_mm,
         )

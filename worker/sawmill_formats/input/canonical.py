@@ -141,6 +141,7 @@ class CanonicalScan:
     unused: str | None = None  # values that could be pitch or distance, where the file does not state what they are
     others: tuple[Path, ...] = ()  # further files that were read
     detector_modules: tuple[DetectorModule, ...] = ()  # modules of the detector after the first
+    detector_arc_radius_mm: float | None = None  # radius of the arc on which the cells lie
     averaged: AveragedRows | None = None  # for a scan whose one row is a mean over rows: masked rays are NaN
     turns: bool = True  # False: the views are passages through a fixed pair, whose angles say nothing
 

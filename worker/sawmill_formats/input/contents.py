@@ -152,6 +152,7 @@ class FileContents:
     pitch: FilePitch = FilePitch()  # distance between cells and between rows
     row_pitch: FilePitch = FilePitch()
     detector_modules: tuple[DetectorModule, ...] = ()  # modules of the detector after the first
+    detector_arc_radius_mm: float | None = None  # radius of the arc on which the cells lie
     # Values that could serve as pitch or distance, where the file does not state what they are
     unused: str | None = None
     remarks: tuple[Reason, ...] = ()  # changes that were made to the data, and what the file lacks

@@ -230,6 +230,7 @@ def canonical_scan(
         others=contents.others,
         detector_modules=contents.detector_modules,
         turns=turns,
+        detector_arc_radius_mm=contents.detector_arc_radius_mm,
         averaged=(
             None if averaged_rows is None else AveragedRows.of(averaged_rows, projections.shape, contents.deviations)
         ),

@@ -21,7 +21,7 @@ from sawmill_formats.input.tiff.pages import opened_tiff
 USED = re.compile(
     "|".join((*PROJECTION_NAMES, *OTHER_NAMES, ORIGIN, SIZE, OFFSET, STEP))
     + "|image_key(_control)?|rotation_angle|[xy]_(pixel_size|binning)|(detector|row)_pitch_mm|theta|data_(white|dark)|"
-    "definition|NX_class|default|units|axes|signal|long_name|vector|depends_on|transformation_type|interpretation|"
+    "arc_radius|definition|NX_class|default|units|axes|signal|long_name|vector|depends_on|transformation_type|interpretation|"
     "scale_factor|add_offset|MATLAB_class|initial_angle|angle_unit"
 )
 # Tags of TIFF that only say how pixels are stored: "TIFF Revision 6.0", section 8.

@@ -6,6 +6,7 @@ ENTRY = "entry"
 DATA = f"{ENTRY}/{nxtomo.DATA}"
 CELL_PITCH = f"{ENTRY}/{nxtomo.CELL_PITCH}"
 ROW_PITCH = f"{ENTRY}/{nxtomo.ROW_PITCH}"
+ARC_RADIUS = f"{ENTRY}/{nxtomo.ARC_RADIUS}"
 ANGLES = f"{ENTRY}/{nxtomo.ANGLES}"
 # (rows, detector), counts: mean flat less mean dark field.
 AIR_LEVEL = f"{ENTRY}/{nxtomo.DETECTOR}/air_level"

@@ -59,6 +59,7 @@ class OpenScan:
     deviations: h5py.Dataset | None = None
     # Modules of the detector after the first, where the scan came with them
     detector_modules: tuple[DetectorModule, ...] = ()
+    detector_arc_radius_mm: float | None = None  # radius of the arc on which the cells lie, where the file stated one
     views_left_out: tuple[int, ...] = ()  # numbers of the views that are corrupt
     saturated_share: float = 0.0  # share of the cells that are saturated; 0 where it is not known
 
@@ -125,7 +126,8 @@ def _opened(file: h5py.File, shape: Shape) -> OpenScan:
     views, rows, detector = shape
     data = needed(dataset_at(file, scan_layout.DATA, shape, CHECKED), scan_layout.DATA)
     present, usable_rows = _rows_present(file, (views, rows))
-    pitch_mm, row_pitch = float(values_of(file, scan_layout.CELL_PITCH, ())), values_at(file, scan_layout.ROW_PITCH, ())
+    pitch_mm = float(values_of(file, scan_layout.CELL_PITCH, ()))
+    row_pitch, arc_radius = (values_at(file, path, ()) for path in (scan_layout.ROW_PITCH, scan_layout.ARC_RADIUS))
     return OpenScan(
         shape=shape,
         angles_rad=np.deg2rad(values_of(file, scan_layout.ANGLES, (views,))),
@@ -137,6 +139,7 @@ def _opened(file: h5py.File, shape: Shape) -> OpenScan:
         usable_rows=usable_rows,
         deviations=dataset_at(file, scan_layout.DEVIATIONS, shape),
         detector_modules=_modules(file, detector, pitch_mm),
+        detector_arc_radius_mm=None if arc_radius is None else float(arc_radius),
         views_left_out=_views_left_out(file, views),
         saturated_share=float(values_at(file, scan_layout.SATURATED_SHARE, ()) or 0.0),
     )

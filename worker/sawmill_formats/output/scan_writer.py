@@ -80,6 +80,7 @@ def new_scan(
     detector_pitch_mm: float,
     row_pitch_mm: float | None,
     detector_modules: Sequence[DetectorModule] = (),
+    detector_arc_radius_mm: float | None = None,
     views_together: int | None = None,
 ) -> Iterator[NewScan]:
     """Open a new scan (views, rows, detector) of line integrals, readable row by row; whole or not at all.
@@ -88,14 +89,19 @@ def new_scan(
     ----------
     detector_modules : sequence of DetectorModule, optional
         Modules of the detector after the first.
+    detector_arc_radius_mm : float, optional
+        Radius of the arc on which the cells lie.
     views_together : int, optional
         The number of views of a row that are stored in one piece: all, by default.
 
     Raises
     ------
+    ValueError
+        When the shapes do not agree.
     OSError
         When the file cannot be written.
     """
+    _check_stack("the scan", shape, angles_rad)
     views, rows, detector = shape
     within_chunk = max(1, CHUNK_BYTES // (4 * detector))
     with whole_hdf5(path) as file:
@@ -107,7 +113,7 @@ def new_scan(
             units="1",
             image_key=np.zeros(views, dtype=np.uint8),
             angles_deg=_degrees(angles_rad),
-            pitches_mm=(detector_pitch_mm, row_pitch_mm),
+            lengths_mm=(detector_pitch_mm, row_pitch_mm, detector_arc_radius_mm),
             # Packing the noise of line integrals saves a fifth of the disk, and takes longer than reconstructing them.
             storage={"fletcher32": True},
         )
@@ -115,53 +121,6 @@ def new_scan(
         if detector_modules:
             _write_modules(file, placed_modules(detector_modules, detector, detector_pitch_mm), rows)
         yield NewScan(file[scan_layout.DATA])
-
-
-def write_scan(
-    path: Path,
-    *,
-    line_integrals: NDArray[np.float32],
-    angles_rad: NDArray[np.float64],
-    detector_pitch_mm: float,
-    row_pitch_mm: float | None,
-    air_level: NDArray[np.float32] | None,
-    provenance: Mapping[str, str],
-    row_shifts: NDArray[np.float64] | None = None,
-) -> None:
-    """Write a scan of line integrals that are in memory.
-
-    Parameters
-    ----------
-    line_integrals : (views, rows, detector) float32, dimensionless
-    angles_rad : (views,) float64
-    detector_pitch_mm, row_pitch_mm : float
-        Distances between cells and between rows.
-    air_level : (rows, detector) float32, counts, or None
-        Mean flat less mean dark field: with it counts can be recovered from line integrals.
-    provenance : mapping of str to str
-        Origin of the data, written into the file.
-    row_shifts : (views,) float64, rows, or None
-        Shift of each view along the log; None where no view was shifted.
-
-    Raises
-    ------
-    ValueError
-        When the shapes do not agree.
-    OSError
-        When the file cannot be written.
-    """
-    _check_stack("line_integrals", line_integrals.shape, angles_rad)
-    views, rows, detector = line_integrals.shape
-    scan = new_scan(
-        path,
-        (views, rows, detector),
-        angles_rad=angles_rad,
-        detector_pitch_mm=detector_pitch_mm,
-        row_pitch_mm=row_pitch_mm,
-    )
-    with scan as written:
-        written.data[...] = line_integrals
-        written.note(air_level=air_level, provenance=provenance, row_shifts=row_shifts)
 
 
 def write_raw_scan(
@@ -176,6 +135,7 @@ def write_raw_scan(
     detector_pitch_mm: float | None,
     row_pitch_mm: float | None,
     detector_modules: Sequence[DetectorModule] = (),
+    detector_arc_radius_mm: float | None = None,
     given: Mapping[str, Any] | None = None,
 ) -> None:
     """Write detector counts as a scanner would: dark fields, flat fields, then the views; or views without fields.
@@ -189,8 +149,9 @@ def write_raw_scan(
     flats, darks : (n, rows, detector), of the same type, or None
     angles_rad : (views,) float64
     detector_pitch_mm, row_pitch_mm : float, or None where it is not known
-    detector_modules, given : optional
-        Modules after the first; what the owner of a packed scan gave, by names: its file holds no time of writing.
+    detector_modules, detector_arc_radius_mm, given : optional
+        Modules after the first; radius of the arc of cells; what the owner of a packed scan gave, by names: its file
+        holds no time of writing.
 
     Raises
     ------
@@ -211,7 +172,7 @@ def write_raw_scan(
             units="counts" if fields else "1",
             image_key=np.array(keys + [nxtomo.PROJECTION] * shape[0], dtype=np.uint8),
             angles_deg=np.concatenate([np.zeros(len(keys)), _degrees(angles_rad)]),
-            pitches_mm=(detector_pitch_mm, row_pitch_mm),
+            lengths_mm=(detector_pitch_mm, row_pitch_mm, detector_arc_radius_mm),
             storage=PACKED,
             given=given,
         )
@@ -259,7 +220,7 @@ def _new_images(
     units: str,
     image_key: NDArray[np.uint8],
     angles_deg: NDArray[np.float64],
-    pitches_mm: tuple[float | None, float | None],
+    lengths_mm: tuple[float | None, float | None, float | None],
     storage: Mapping[str, Any],
     given: Mapping[str, Any] | None = None,
 ) -> None:
@@ -270,9 +231,9 @@ def _new_images(
     new_group(entry, nxtomo.DETECTOR, "NXdetector")
     entry.create_dataset(nxtomo.DATA, shape, dtype, chunks=chunks, **storage).attrs["units"] = units
     entry[nxtomo.IMAGE_KEY] = image_key
-    for path, pitch_mm in zip((nxtomo.CELL_PITCH, nxtomo.ROW_PITCH), pitches_mm, strict=True):
-        if pitch_mm is not None:
-            write_scalar(entry, path, pitch_mm, "mm")
+    for path, length_mm in zip((nxtomo.CELL_PITCH, nxtomo.ROW_PITCH, nxtomo.ARC_RADIUS), lengths_mm, strict=True):
+        if length_mm is not None:
+            write_scalar(entry, path, length_mm, "mm")
     new_group(entry, "sample", "NXsample")
     write_scalar(entry, nxtomo.ANGLES, angles_deg, "deg")
     links = new_group(entry, "data", "NXdata")

@@ -104,7 +104,7 @@ class DriftCharts:
             return ScannerDrift(charts=[read_chart(session, chart) for chart in _charts(session, active)])
 
 
-def known_baselines(session: Session, scanner_id: str, calibration_id: str) -> tuple[KnownBaseline, ...]:
+def known_baselines(session: Session, scanner_id: str, calibration_id: str | None) -> tuple[KnownBaseline, ...]:
     """Return the baselines of a scanner's charts, one for each method; none where another calibration is active."""
     active = active_since(session, scanner_id)
     if active is None or active.calibration_id != calibration_id:

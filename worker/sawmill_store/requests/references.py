@@ -63,19 +63,25 @@ def _phantom_of_scan(session: Session, scan_id: str) -> str:
 def _calibration(session: Session, fields: Json) -> str | None:
     """Look up the named calibration or the active one of the scan's scanner; the calibration may still be computed.
 
-    A reconstruction with a new scanner waits for the first activation, which names its calibration.
+    Without one, an imported geometry is used; else a reconstruction waits for the first activation, which names its
+    calibration.
     """
     if fields.get("theta") is not None:
         fields["calibration_id"] = None
         return None
     scan_id, scanner_id = fields["scan_id"], fields["scanner_id"]
     calibration_id = fields["calibration_id"] or active_calibration_id(session, scanner_id)
+    if calibration_id is None and (imported := _imported(session, scanner_id)) is not None:
+        fields |= imported
+        return None
     if calibration_id is None and "theta" in fields and (job_id := _first_activation(session, scanner_id)) is not None:
         return job_id
     if calibration_id is None:
         instead = ", or give theta" if "theta" in fields else ""
-        msg = f"scanner {scanner_id!r} has no active calibration: name one as calibration_id{instead}"
-        raise Conflict("no-active-calibration", msg)
+        raise Conflict(
+            "no-active-calibration",
+            f"scanner {scanner_id!r} has no active calibration: name one as calibration_id{instead}",
+        )
     calibration = found(session, CalibrationRow, "calibration", calibration_id)
     if calibration.scanner_id != scanner_id:
         msg = (
@@ -85,11 +91,20 @@ def _calibration(session: Session, fields: Json) -> str | None:
         raise Conflict("scanner-mismatch", msg)
     state = calibration.job.state
     if state in _WITHOUT_RESULT:
-        msg = f"calibration {calibration_id!r} {_WITHOUT_RESULT[state]} and has no geometry to use"
-        raise Conflict("calibration-without-result", msg)
+        raise Conflict(
+            "calibration-without-result",
+            f"calibration {calibration_id!r} {_WITHOUT_RESULT[state]} and has no geometry to use",
+        )
     hold(session, CalibrationRow, "calibration", calibration_id)
     fields["calibration_id"] = calibration_id
     return None if state.ended else calibration.job_id
+
+
+def _imported(session: Session, scanner_id: str) -> Json | None:
+    """Return the fields of a request with the scanner's imported geometry, if it has one."""
+    spec = found(session, ScannerRow, "scanner", scanner_id).spec
+    theta, turned = spec.get("imported_theta"), {"rotation": spec.get("rotation"), "handedness": spec.get("handedness")}
+    return theta and {"theta": theta, "calibration_id": None, **turned}
 
 
 def _first_activation(session: Session, scanner_id: str) -> str | None:
@@ -107,6 +122,9 @@ def _theta(session: Session, fields: Json) -> None:
         return
     scanner_id = fields["scanner_id"]
     calibration_id = active_calibration_id(session, scanner_id)
+    if calibration_id is None and (imported := _imported(session, scanner_id)) is not None:
+        fields["theta"] = imported["theta"]
+        return
     if calibration_id is None:
         raise Conflict(
             "no-active-calibration",

@@ -70,14 +70,15 @@ class Schedules:
         Raises
         ------
         Invalid, NotFound, Conflict
-            The cron expression or its time zone is wrong, there is no such scanner, or the id is taken.
+            The cron expression or its time zone is wrong, the scanner's logs are turned between passages and tell no
+            drift, there is no such scanner, or the id is taken.
         """
         now = self._database.now()
         row = ScheduleRow(id=schedule_id or new_id(), created_at=now)
         _describe(row, spec, now)
         with self._database.write() as session:
             refuse_taken(session, ScheduleRow, "schedule", row.id)
-            found(session, ScannerRow, "scanner", spec.scanner_id, lock=True)
+            _check_scanner(session, spec)
             session.add(row)
             _announce(session, now, mill_events.SCHEDULE_CREATED, row, decided=spec.model_dump(mode="json"))
             session.flush()
@@ -104,7 +105,7 @@ class Schedules:
         with self._database.write() as session:
             row = found(session, ScheduleRow, "schedule", schedule_id, lock=True)
             check(read_schedule(session, row))
-            found(session, ScannerRow, "scanner", spec.scanner_id, lock=True)
+            _check_scanner(session, spec)
             before, now = _spec(row), self._database.now()
             pending = row.next_due_at if row.next_due_at is not None and row.next_due_at <= now else None
             same_times = spec.enabled and (spec.cron, spec.time_zone) == (row.cron, row.time_zone)
@@ -208,6 +209,17 @@ class Schedules:
             if not row.missed:
                 _announce_missed(session, row, now, due_at, reason)
                 row.missed = True
+
+
+def _check_scanner(session: Session, spec: ScheduleSpec) -> None:
+    """Lock the schedule's scanner, and refuse drift checks where logs cannot tell."""
+    scanner = found(session, ScannerRow, "scanner", spec.scanner_id, lock=True)
+    if spec.kind == "check-drift" and scanner.spec["constants"].get("object_turns") == ObjectTurns.BETWEEN_PASSAGES:
+        raise Invalid(
+            "turned-between-passages",
+            f"scanner {scanner.id!r} turns its logs between passages, and they do not tell whether it has moved: "
+            "schedule recalibrate",
+        )
 
 
 def _in_words(error: Exception) -> str:

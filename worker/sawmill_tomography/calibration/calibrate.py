@@ -205,7 +205,7 @@ def _likelier_drawing(task: CalibrationTask, seed: int, on_step: OnStep) -> str 
 
 
 def _without_faults(adjusted: AdjustedFit, task: CalibrationTask) -> AdjustedFit:
-    """Adjust the plain fit to faults; of passages each view has another pose, and looks like an outlier."""
+    """Adjust the plain fit to faults; outliers of passages are looked for when the views' poses are known."""
     for finding in BEFORE:
         if finding.adjustment not in task.without and not (finding is OUTLIERS and task.of_passages):
             adjusted = finding.adjust(adjusted)

@@ -5,7 +5,6 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
-from xml.etree import ElementTree as ET
 
 import numpy as np
 
@@ -75,7 +74,7 @@ _WRITERS: Mapping[ExportTarget, Callable[[Path, FanBeamGeometry], None]] = Mappi
 )
 
 
-HEAD = '<?xml version="1.0"?>\n<!DOCTYPE RTKGEOMETRY>\n'
+HEAD = '<?xml version="1.0"?>\n<!DOCTYPE RTKGEOMETRY>\n<RTKThreeDCircularGeometry version="3">\n'
 
 
 def rtk_xml(arguments: dict[str, Any], remark: str) -> str:
@@ -83,15 +82,10 @@ def rtk_xml(arguments: dict[str, Any], remark: str) -> str:
 
     The remark is at the top: the geometry does not hold the projections' spacing and origin.
     """
-    root = ET.Element("RTKThreeDCircularGeometry", version="3")
-    root.append(ET.Comment(f" {remark} "))
-    *lengths, angles, matrices = arguments.items()
-    for name, value in lengths:
-        ET.SubElement(root, name).text = repr(value)
-    for angle, matrix in zip(angles[1].tolist(), matrices[1], strict=True):
-        projection = ET.SubElement(root, "Projection")
-        ET.SubElement(projection, "GantryAngle").text = repr(angle)
-        rows = "\n".join(" ".join(repr(value) for value in row) for row in matrix.tolist())
-        ET.SubElement(projection, "Matrix").text = f"\n{rows}\n"
-    ET.indent(root)
-    return f"{HEAD}{ET.tostring(root, encoding='unicode')}\n"
+    *lengths, (_, angles), (_, matrices) = arguments.items()
+    parts = [f"  <!-- {remark} -->", *(f"  <{name}>{value!r}</{name}>" for name, value in lengths)]
+    for angle, matrix in zip(angles.tolist(), matrices.tolist(), strict=True):
+        rows = "\n".join(" ".join(map(repr, row)) for row in matrix)
+        parts += ["  <Projection>", f"    <GantryAngle>{angle!r}</GantryAngle>", f"    <Matrix>\n{rows}\n</Matrix>"]
+        parts.append("  </Projection>")
+    return HEAD + "\n".join([*parts, "</RTKThreeDCircularGeometry>", ""])

@@ -1,10 +1,8 @@
 """Flags of a geometry, as numbers or as a calibration, and checks of their use."""
 
-import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import Annotated, ClassVar, TypeVar
 
 import typer
@@ -28,24 +26,6 @@ class Position(Contract):
 
 
 Numbers = TypeVar("Numbers", GivenTheta, Position)
-DEGREES = "deg"
-
-
-@dataclass(frozen=True)
-class ThetaSource:
-    """A geometry given by numbers."""
-
-    theta: Theta
-    rotation: Rotation
-    source_to_cor_mm: float
-
-
-@dataclass(frozen=True)
-class CalibrationSource:
-    """A geometry given by the file of a calibration; a constant given in addition must agree."""
-
-    path: Path
-    source_to_cor_mm: float | None
 
 
 class WithGeometry(Command):
@@ -55,62 +35,42 @@ class WithGeometry(Command):
     needs: ClassVar = {"theta": "source_to_cor_mm"}
 
 
-def given_geometry(
-    theta: Theta | None,
-    rotation: Rotation | None,
-    calibration: Path | None,
-    source_to_cor_mm: float | None,
-    vectors: Path | None = None,
-) -> ThetaSource | CalibrationSource | Path:
-    """Return the geometry of the flags, a path for vectors; a rotation with these or a calibration is wrong use."""
-    if vectors is not None and rotation is None:
-        return vectors
-    if calibration is None and vectors is None:
-        assert theta is not None  # noqa: S101 - checked by WithGeometry
-        assert source_to_cor_mm is not None  # noqa: S101
-        return ThetaSource(theta, rotation or Rotation.AS_GIVEN, source_to_cor_mm)
-    if rotation is not None:
-        raise typer.BadParameter("--rotation comes with --theta; a calibration carries its own.")
-    assert calibration is not None  # noqa: S101 - checked by WithGeometry
-    return CalibrationSource(calibration, source_to_cor_mm)
+@dataclass(frozen=True)
+class GeometryFlags:
+    """The geometry of the flags: five numbers with r_S, a calibration whose constants must agree, or vectors."""
+
+    theta: Theta | None
+    rotation: Rotation | None
+    calibration: Path | None
+    source_to_cor_mm: float | None
+    vectors: Path | None
+
+    def __post_init__(self) -> None:
+        """Refuse a rotation that comes with a calibration or vectors."""
+        if self.rotation is not None and self.theta is None:
+            raise typer.BadParameter("--rotation comes with --theta; a calibration carries its own.")
 
 
 def theta_of(text: str) -> Theta:
     """Parse theta from five numbers separated by commas; angles may be in degrees as 146.1deg (a Typer parser)."""
-    angles = {"initial_angle_rad": _angle_rad, "detector_tilt": _slope}
-    return _numbers(text, GivenTheta, "five numbers a,r,h,h,t", angles)
+    return _numbers(text, GivenTheta, "five numbers a,r,h,h,t", GivenTheta.numbers)
 
 
 def position_of(text: str) -> Position:
     """Parse a position from X,Y (a Typer parser)."""
-    return _numbers(text, Position, "X,Y")
+    return _numbers(
+        text, Position, "X,Y", lambda pair: dict(zip(Position.model_fields, map(float, pair.split(",")), strict=True))
+    )
 
 
-def _angle_rad(text: str) -> float:
-    """Parse an angle in radians, or in degrees if the unit is degrees."""
-    return math.radians(float(text.removesuffix(DEGREES))) if text.endswith(DEGREES) else float(text)
-
-
-def _slope(text: str) -> float:
-    """Parse a slope, or an angle in degrees if the unit is degrees."""
-    return math.tan(_angle_rad(text)) if text.endswith(DEGREES) else float(text)
-
-
-def _numbers(
-    text: str,
-    contract: type[Numbers],
-    form: str,
-    read: Mapping[str, Callable[[str], float]] = MappingProxyType({}),
-) -> Numbers:
+def _numbers(text: str, contract: type[Numbers], form: str, read: Callable[[str], dict[str, float]]) -> Numbers:
     try:
-        written = dict(zip(field_names(contract), text.split(","), strict=True))
-        numbers = {name: read.get(name, float)(number) for name, number in written.items()}
-        return TypeAdapter(contract).validate_python(numbers)
+        return TypeAdapter(contract).validate_python(read(text))
     except ValueError as error:
         first = error.errors()[0] if isinstance(error, ValidationError) else None
         if first is not None and first["type"] in OUT_OF_BOUNDS:
             name = str(first["loc"][0])
-            first["input"] = written[name]
+            first["input"] = text.split(",")[[*field_names(contract)].index(name)]
             raise typer.BadParameter(f"{name} {sentence(first, contract)}.") from error
         raise typer.BadParameter(f"must be {form}, not {text!r}.") from error
 

@@ -267,6 +267,7 @@ def _reading_table(reading: InspectedReading) -> Table:
         "angles": "none" if angles is None else turn + origin,
         "detector pitch": "none" if reading.detector_pitch_mm is None else f"{reading.detector_pitch_mm:.9g} mm",
         "modules": f"{len(reading.detector_modules) + 1}, which meet at cell {cells}" if cells else None,
+        "arc": f"of radius {radius_mm:.9g} mm" if (radius_mm := reading.detector_arc_radius_mm) else None,
         "row pitch": "none" if reading.row_pitch_mm is None else f"{reading.row_pitch_mm:.9g} mm",
         "other files": f"{', '.join(reading.other_files[:MOST_FILES])}{more}" if reading.other_files else None,
     }

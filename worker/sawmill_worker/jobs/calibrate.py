@@ -14,7 +14,7 @@ from sawmill_contracts.phantoms import PhantomDrawing
 from sawmill_contracts.scans import Scan, ScanShape, ScanState
 from sawmill_formats.output.scan_reader import OpenScan, open_scan
 from sawmill_platform.attempts.protocol import Needs
-from sawmill_vocabulary import DataKind, DetectorModule
+from sawmill_vocabulary import DataKind
 from sawmill_worker.jobs.attempt import MillAttempt, of_averaged_rows
 from sawmill_worker.jobs.checkpoints import AttemptKeeper
 
@@ -33,7 +33,7 @@ def run(attempt: MillAttempt) -> dict[str, Any]:
     with open_scan(attempt.file) as stored:
         rows = stored_rows(attempt, stored, options.rows or scan.phantom_rows, options.views)
         calibrated = None if active is None else active.scanner
-        rows = replace(rows, scanner=known_cells(scanner.constants, stored.detector_modules, calibrated))
+        rows = replace(rows, scanner=known_cells(scanner.constants, stored, calibrated))
         drawing = drawing_of(attempt)
         origin = {
             "input_sha256": scan.sha256,
@@ -100,7 +100,7 @@ def stored_rows(attempt: MillAttempt, stored: OpenScan, rows: str | None, views:
     scan, constants = usable_scan(attempt), attempt.scanner.constants
     return rows_of(
         stored,
-        replace(constants, detector_modules=declared_modules(constants, stored.detector_modules)),
+        declared_cells(constants, stored),
         rows=rows,
         views=views,
         counts=scan.data is DataKind.COUNTS,
@@ -111,18 +111,18 @@ def stored_rows(attempt: MillAttempt, stored: OpenScan, rows: str | None, views:
     )
 
 
-def declared_modules(constants: ScannerConstants, of_scan: tuple[DetectorModule, ...]) -> tuple[DetectorModule, ...]:
-    """Return the modules that somebody declared: the scanner's; if it has none, the ones in the scan's file."""
-    return constants.detector_modules or of_scan
+def declared_cells(constants: ScannerConstants, of_scan: OpenScan) -> ScannerConstants:
+    """Return the scanner with the modules and the arc that it declares; if it has none, the ones in the scan's file."""
+    modules = constants.detector_modules or of_scan.detector_modules
+    radius_mm = constants.detector_arc_radius_mm or of_scan.detector_arc_radius_mm
+    return replace(constants, detector_modules=modules, detector_arc_radius_mm=radius_mm)
 
 
-def known_cells(
-    present: ScannerConstants, of_scan: tuple[DetectorModule, ...], calibrated: ScannerConstants | None
-) -> ScannerConstants:
+def known_cells(present: ScannerConstants, of_scan: OpenScan, calibrated: ScannerConstants | None) -> ScannerConstants:
     """Return the scanner with the places of cells from which a calibration starts.
 
     The active calibration has them, if the detector is still there.
     """
     if calibrated is not None and calibrated.with_cells_of(present) == present:
         return present.with_cells_of(calibrated)
-    return replace(present, detector_modules=declared_modules(present, of_scan))
+    return declared_cells(present, of_scan)

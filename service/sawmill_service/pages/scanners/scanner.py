@@ -284,7 +284,9 @@ def _answer(
         day_choices=DAYS,
         schedule_form=schedule or ScheduleForm(),
         drawing=scanner_drawing(
-            active.scanner if active else stored.constants, active.theta if active else None, radius_mm
+            active.scanner if active else stored.constants,
+            active.theta if active else stored.imported_theta,
+            radius_mm,
         ),
         made_with=_made_with(active, stored.constants),
         settings=form or _forms(page).of(stored),

@@ -15,7 +15,7 @@ from sawmill_contracts.inspections import InspectedReading
 from sawmill_contracts.scanners import ScannerRequest, ScannerSpec, Tolerances
 from sawmill_contracts.watched_folders import WatchedFolder
 from sawmill_service.pages.frame.languages import marked, plain_number
-from sawmill_vocabulary import DataKind, ObjectTurns
+from sawmill_vocabulary import DataKind, ObjectTurns, Theta
 
 
 @dataclass(frozen=True)
@@ -140,8 +140,8 @@ FIELDS = (
     ),
 )
 FOLDER, FOLDER_DATA = "watched_folder", "watched_folder_data"
-TURNS = "object_turns"
-_BY_PLACE = {each.place: each.name for each in FIELDS} | {("name",): "name", (FOLDER, "folder"): FOLDER}
+TURNS, IMPORTED = "object_turns", "imported_theta"
+_BY_PLACE = {each.place: each.name for each in FIELDS} | {(name,): name for name in ("name", FOLDER, IMPORTED)}
 # Errors of pydantic: the name of the limit in the details, and the sentence.
 _LIMITS = {
     "greater_than": ("gt", marked("must be more than %(limit)s, not %(value)s")),
@@ -191,7 +191,8 @@ class ScannerForms:
         defaults = {"tolerances": Tolerances().model_dump()}
         numbers = {each.name: _at(defaults, each.place) if each.place[0] in defaults else None for each in FIELDS}
         texts = {name: self._number(value) for name, value in numbers.items()}
-        return ScannerForm({"name": "", TURNS: ObjectTurns.IN_ONE_SCAN.value, **_folder_texts(None), **texts})
+        turns = ObjectTurns.IN_ONE_SCAN.value
+        return ScannerForm({"name": "", TURNS: turns, IMPORTED: "", **_folder_texts(None), **texts})
 
     def filled(self, form: ScannerForm, reading: InspectedReading) -> ScannerForm:
         """Fill the empty fields of a form that nobody typed with what a scan's file states; mark them in any form."""
@@ -199,6 +200,7 @@ class ScannerForms:
             "num_detector_pixels": reading.shape.detector,
             "detector_pitch_mm": reading.detector_pitch_mm,
             "row_pitch_mm": reading.row_pitch_mm,
+            "detector_arc_radius_mm": reading.detector_arc_radius_mm,
         }
         texts = {name: self._number(value) for name, value in stated.items() if value is not None}
         if not form.is_wrong:
@@ -210,8 +212,8 @@ class ScannerForms:
         """Write a scanner's description into a form."""
         values = spec.model_dump(mode="json")
         texts = {each.name: self._number(_at(values, each.place)) for each in FIELDS}
-        turns = spec.constants.object_turns.value
-        return ScannerForm({"name": spec.name, TURNS: turns, **_folder_texts(spec.watched_folder), **texts})
+        texts |= {TURNS: spec.constants.object_turns.value, **_folder_texts(spec.watched_folder)}
+        return ScannerForm({"name": spec.name, IMPORTED: _imported_text(spec), **texts})
 
     def mark_outdated(self, form: ScannerForm, stored: ScannerSpec) -> None:
         """Mark the fields of a form that differ from what is stored now."""
@@ -221,7 +223,7 @@ class ScannerForms:
 
     def read(self, typed: Mapping[str, str], stored: ScannerSpec | None) -> tuple[ScannerForm, ScannerRequest | None]:
         """Read what somebody typed: the form, and its scanner unless something is wrong; other stored values stay."""
-        names = ("name", TURNS, FOLDER, FOLDER_DATA, *(each.name for each in FIELDS))
+        names = ("name", TURNS, IMPORTED, FOLDER, FOLDER_DATA, *(each.name for each in FIELDS))
         form = ScannerForm({name: typed.get(name, "").strip() for name in names})
         own = set(ScannerSpec.model_fields)
         document: dict[str, Any] = {} if stored is None else stored.model_dump(mode="json", include=own)
@@ -232,6 +234,7 @@ class ScannerForms:
             _put(document, ("constants", TURNS), form.values[TURNS])
         folder = {"folder": form.values[FOLDER], "data": form.values[FOLDER_DATA]}
         document[FOLDER] = {**(document.get(FOLDER) or {}), **folder} if form.values[FOLDER] else None
+        self._read_imported(form, document, stored)
         spec = None
         try:
             spec = ScannerRequest.model_validate(document)
@@ -239,6 +242,17 @@ class ScannerForms:
             for detail in error.errors():
                 self._place(form, detail)
         return form, None if form.is_wrong else spec
+
+    def _read_imported(self, form: ScannerForm, document: dict[str, Any], stored: ScannerSpec | None) -> None:
+        """Put the imported geometry into the document, unless its text is as it was."""
+        written = form.values[IMPORTED]
+        if written == _imported_text(stored):
+            return
+        try:
+            document[IMPORTED] = Theta.numbers(written) if written else None
+        except ValueError:
+            sentence = self._text.gettext("must be five numbers, as in %(example)s, not “%(value)s”")
+            form.errors[IMPORTED] = sentence % {"example": "146.1deg,714.7,319.9,43.7,15.7deg", "value": written}
 
     def _read_number(self, each: FormField, form: ScannerForm) -> float | None:
         written = form.values[each.name]
@@ -260,7 +274,7 @@ class ScannerForms:
         message = detail["msg"].removeprefix("Value error, ")
         # A complaint about two fields names the first one.
         named = next((each.name for each in FIELDS if message.startswith(".".join(each.place) + " ")), None)
-        name = _BY_PLACE.get(place[:2]) or named
+        name = _BY_PLACE.get(place[:2]) or _BY_PLACE.get(place[:1]) or named
         if name in form.errors:
             return  # a text that is missing or no number is no value to judge
         if name is None:
@@ -282,6 +296,10 @@ def _folder_texts(watched: WatchedFolder | None) -> dict[str, str]:
     if watched is None:
         return {FOLDER: "", FOLDER_DATA: DataKind.COUNTS.value}
     return {FOLDER: watched.folder, FOLDER_DATA: watched.data.value}
+
+
+def _imported_text(spec: ScannerSpec | None) -> str:
+    return "" if spec is None or spec.imported_theta is None else spec.imported_theta.written(12)
 
 
 def _at(document: Mapping[str, Any], place: tuple[str, ...]) -> Any:  # noqa: ANN401 - a number or nothing

@@ -1,5 +1,6 @@
 """HDF5 in the NXtomo layout: images with an image key and an angle for each, and a line detector's modules."""
 
+import math
 from dataclasses import replace
 from itertools import islice
 
@@ -21,11 +22,11 @@ from sawmill_formats.detector_modules import (
     modules_after_first,
     translation,
 )
-from sawmill_formats.errors import UnreadableScan
+from sawmill_formats.errors import UnreadableScan, quoted
 from sawmill_formats.input.arrays import Bounds, LinkedFiles, check_scan_dimensions, check_size
-from sawmill_formats.input.contents import FileAngles, FileContents, Wanted, to_mm
+from sawmill_formats.input.contents import FileAngles, FileContents, Wanted, length_of, to_mm
 from sawmill_formats.input.hdf5 import fields, guard
-from sawmill_vocabulary import DetectorModule
+from sawmill_vocabulary import LARGEST_MM, DetectorModule
 from sawmill_vocabulary.messages import Reason
 from sawmill_vocabulary.reading_messages import ReadingMessage
 
@@ -56,6 +57,7 @@ def read_nxtomo(entry: h5py.Group, bounds: Bounds, selection: Wanted) -> FileCon
         fields.read_pitch(entry, nxtomo.ROW_PITCH, bounds.whole),
     )
     modules, of_modules = read_modules(entry, dataset.shape[-1], pitch.mm, bounds)
+    arc_radius_mm, of_arc = _arc_radius(entry, dataset.shape[-1] * (pitch.mm or np.inf), bounds)
     packed = fields.packing_remarks(dataset, guard.numbers(entry, nxtomo.ANGLES, bounds.whole))
     contents = FileContents(
         format="hdf5-nxtomo",
@@ -67,8 +69,9 @@ def read_nxtomo(entry: h5py.Group, bounds: Bounds, selection: Wanted) -> FileCon
         row_pitch=row_pitch,
         order=selection.order(dataset.ndim) or fields.stated_order(dataset),
         detector_modules=modules,
+        detector_arc_radius_mm=arc_radius_mm,
         unused=guard.read_text(entry, f"{nxtomo.GIVEN}/{nxtomo.CONSTANTS}", linked=bounds.linked),
-        remarks=(*of_keys, *packed, *pitch.remarks, *row_pitch.remarks, *of_modules),
+        remarks=(*of_keys, *packed, *pitch.remarks, *row_pitch.remarks, *of_modules, *of_arc),
     )
     return fields.with_fields_beside(contents, dataset, bounds.whole, selection)
 
@@ -127,6 +130,18 @@ def _fields(dataset: h5py.Dataset, keys: NDArray[np.int64], key: int, bounds: Bo
         max_bytes=bounds.piece,
     )
     return fields.scaling_of(dataset).apply(guard.read_images(dataset, images)) if len(images) else None
+
+
+def _arc_radius(entry: h5py.Group, width_mm: float, bounds: Bounds) -> tuple[float | None, tuple[Reason, ...]]:
+    """Read the radius of the arc, or the remark why it was ignored: the detector is at most half a circle."""
+    dataset = guard.numbers(entry, nxtomo.ARC_RADIUS, bounds.whole)
+    if dataset is None:
+        return None, ()
+    unit = guard.attribute_text(dataset, "units")
+    radius_mm, why = length_of(guard.read_values(dataset, np.float64), unit and quoted(unit))
+    if radius_mm is not None and not width_mm / math.pi < radius_mm <= LARGEST_MM:
+        radius_mm, why = None, ReadingMessage.LENGTH_STATES_NOTHING(length_mm=f"{radius_mm:g}")
+    return radius_mm, () if why is None else (ReadingMessage.LENGTH_IGNORED(why, path=nxtomo.ARC_RADIUS),)
 
 
 def read_modules(

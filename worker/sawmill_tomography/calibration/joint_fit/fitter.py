@@ -45,7 +45,12 @@ from sawmill_tomography.calibration.joint_fit.modules import (
 )
 from sawmill_tomography.calibration.joint_fit.motion_sets import MOST_SLIPS, FitPoint, MotionSets
 from sawmill_tomography.calibration.joint_fit.normal_equations import UNTRUSTED, Column, System, ViewGrams
-from sawmill_tomography.calibration.joint_fit.outliers import inconsistent_views, views_differ, without_views
+from sawmill_tomography.calibration.joint_fit.outliers import (
+    inconsistent_views,
+    views_differ,
+    with_less_weight,
+    without_views,
+)
 from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, Term
 from sawmill_tomography.calibration.joint_fit.selection import (
     BEYOND_CHANCE,
@@ -125,6 +130,11 @@ def fit_jointly(
     if Adjustment.WOOD_DENSITY not in without and fitter.shows_varying_density():
         fitter.widen(patches=True)
         fitter.fit(on_step)
+        if fitter.left_out:
+            # Wood of one density may have taken the other of two likely rolls.
+            fitter.find_poses(on_step)
+            fitter.rounds = 0
+            fitter.fit(on_step)
     fitter.go_over(on_step, 1 if fitter.of_patches else OTHER_SETS)
     return fitter.result()
 
@@ -134,6 +144,11 @@ def fit_consistent_views(
 ) -> tuple[AdjustedFit, JointFit]:
     """Fit as `fit_jointly` does, leaving out the few views that a fit to the remaining views does not explain."""
     joint = fit_jointly(prepared, without, on_step)
+    if prepared.of_passages and Adjustment.OUTLIERS not in without:
+        # Before the poses are known, each view that stands elsewhere is an outlier.
+        weighted = with_less_weight(prepared, prepared, joint.model.residual)
+        joint = joint if weighted is prepared else fit_jointly(weighted, without, on_step)
+        prepared = weighted
     left_out = np.zeros(len(prepared.data.sinogram), bool)
     for _ in range(VIEW_ROUNDS if Adjustment.OUTLIERS not in without else 0):
         inconsistent = (

@@ -366,7 +366,7 @@ class ViewGrams:
             max(whole.power - explained, 0.0),
             max(whole.structured - explained, UNTRUSTED * whole.structured),
             whole.samples,
-            Patches(whole, densities, taken),
+            Patches(whole, densities, taken, inverse),
         )
 
     def _system(self, columns: Sequence[Column]) -> "System":
@@ -456,6 +456,7 @@ class Patches:
     whole: "System"  # the system before they are eliminated, whose last columns they are
     change: FloatArray  # (patches,): the best change of the densities where nothing else changes
     taken: FloatArray  # (patches, n): how much less it is for each unit of change of the system's columns
+    inverse: FloatArray  # (patches, patches): covariance next to these columns, in variances of a sample
 
 
 @dataclass(frozen=True, eq=False)

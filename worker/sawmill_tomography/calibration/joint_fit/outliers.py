@@ -26,33 +26,33 @@ ROUNDS = 2
 
 
 def _adjust(plain: AdjustedFit) -> AdjustedFit:
-    current, share = plain, 0.0
-    used = np.ones_like(plain.data.sinogram) if plain.data.weights is None else plain.data.weights
+    current = plain
     for _ in range(ROUNDS):
-        residual = current.data.sinogram - current.model
-        deviation = _deviation(current, residual, used)
-        if deviation == 0.0:
-            return plain
-        size, power = np.abs(residual) / deviation, used * residual**2
-        outlying = size > OUTLIER
-        if power[outlying].sum() < OUTLIER_POWER * power.sum() or not _is_a_fault(power * outlying, outlying):
-            break
-        weighted = replace(current.data, weights=used * np.where(outlying, (OUTLIER / size) ** 2, 1.0))
-        again = plain.refitted(weighted, current.fit)
+        weighted = with_less_weight(current, plain, current.data.sinogram - current.model)
+        again = None if weighted is plain else plain.refitted(weighted.data, current.fit)
         if again is None:
             break
-        current, share = replace(plain, data=weighted, fit=again), float(outlying[used > 0.0].mean())
-    if share == 0.0:
-        return plain
-    return plain.after(current.data, current.fit, AdjustmentMessage.OUTLIERS(share_percent=100.0 * share))
+        current = replace(weighted, fit=again)
+    return current
 
 
-def _deviation(adjusted: AdjustedFit, residual: FloatArray, used: FloatArray) -> float:
-    """Compute the residual's robust deviation in the shadow, not in air, at least what the size tolerance leaves."""
-    depth = float(np.ptp(adjusted.model))
-    shadowed = residual[(adjusted.model > adjusted.fit.offset + SHADOW * depth) & (used > 0.0)]
+def with_less_weight(current: AdjustedFit, plain: AdjustedFit, residual: FloatArray) -> AdjustedFit:
+    """Return a plain fit's data in which outliers of this residual lose weight; the fit itself where they are few."""
+    used = np.ones_like(residual) if plain.data.weights is None else plain.data.weights
+    model, phantom = current.data.sinogram - residual, plain.phantom
+    # The residual's robust deviation in the shadow, not in air, at least what the size tolerance leaves.
+    depth = float(np.ptp(model))
+    shadowed = residual[(model > current.fit.offset + SHADOW * depth) & (used > 0.0)]
     deviation = robust_deviation(shadowed - np.median(shadowed)) if shadowed.size else 0.0
-    return max(deviation, adjusted.phantom.size_tolerance * depth)
+    deviation = max(deviation, phantom.size_tolerance * depth)
+    size, power = np.abs(residual) / (deviation or np.inf), used * residual**2
+    outlying = size > OUTLIER
+    if power[outlying].sum() < OUTLIER_POWER * power.sum() or not _is_a_fault(power * outlying, outlying):
+        return plain
+    weights = used * np.divide(OUTLIER, size, out=np.ones_like(size), where=outlying) ** 2
+    share_percent = 100.0 * float(outlying[used > 0.0].mean())
+    data = replace(plain.data, weights=weights)
+    return plain.after(data, plain.fit, AdjustmentMessage.OUTLIERS(share_percent=share_percent))
 
 
 def _is_a_fault(power: FloatArray, outlying: NDArray[np.bool_]) -> bool:

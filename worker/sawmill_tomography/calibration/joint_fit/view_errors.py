@@ -37,6 +37,15 @@ def view_errors(joint: JointFit, statistics: ResidualStatistics) -> ViewErrors |
     # Places of cells that the scan does not show have no error.
     shown = [n for n in range(len(order)) if n < FRAME.stop or n in rows]
     columns = [*(Column(((order[n], None),)) for n in shown), *(used[n] for n in rest)]
+    of_columns = errors[:, [*shown, *range(len(order), errors.shape[1])]]
+    if (patches := joint.system.patches) is not None:
+        # Densities of the wood's patches follow from the columns too, but for their own part.
+        columns += patches.whole.columns[len(joint.system.columns) :]
+        by_columns = np.zeros((len(patches.change), of_columns.shape[1]))
+        of_used = [*map(shown.index, rows), *range(len(shown), of_columns.shape[1])]
+        by_columns[:, of_used] = patches.taken[:, [joint.used[n] for n in (*own, *rest)]]
+        densities = _drawn(patches.inverse * joint.variance * statistics.inflation, rng)
+        of_columns = np.concatenate([of_columns, densities - of_columns @ by_columns.T], axis=1)
     terms = [column.term for column in columns]
     _, taken, covariance = joint.system.source.of_each_view(columns, POSE)
     # The angle and the position that all views share count in each.
@@ -44,7 +53,7 @@ def view_errors(joint: JointFit, statistics: ResidualStatistics) -> ViewErrors |
     values, vectors = np.linalg.eigh(covariance * joint.variance * statistics.inflation)
     roots = vectors * np.sqrt(np.maximum(values, 0.0))[:, None]
     poses = np.einsum("vij,dvj->dvi", roots, rng.standard_normal((len(errors), *values.shape)))
-    poses -= np.einsum("vin,dn->dvi", taken, errors[:, [*shown, *range(len(order), errors.shape[1])]])
+    poses -= np.einsum("vin,dn->dvi", taken, of_columns)
     axes = beam_axes(joint.model)
     return ViewErrors(errors[:, : len(order)], np.einsum("vji,dvj->dvi", axes, poses), axes)
 
