@@ -48,6 +48,9 @@ ERROR_BARS = {
     "inflation": 1.0,
     "deviation_ratio": 1.0,
     "source_shift_resolved": True,
+    "parts": {},
+    "noise": 0.01,
+    "further_mm": 0.0,
 }
 
 

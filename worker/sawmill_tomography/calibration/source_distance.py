@@ -9,11 +9,17 @@ from sawmill_tomography.calibration.fit import OnStep, ignore_progress, refine
 from sawmill_tomography.calibration.joint_fit.finding import AdjustedFit
 from sawmill_tomography.calibration.joint_fit.fitter import fit_consistent_views, fit_jointly
 from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit
-from sawmill_tomography.calibration.joint_fit.residual_statistics import ResidualStatistics, residual_statistics
+from sawmill_tomography.calibration.joint_fit.residual_statistics import (
+    ResidualStatistics,
+    of_places_apart,
+    residual_statistics,
+    terms_of_rays,
+)
 from sawmill_tomography.calibration.refusals import CalibrationError, refuse_other_scanner
 from sawmill_tomography.calibration.task import CalibrationTask
 from sawmill_tomography.geometry.fit_parameters import FRAME, FitParameter
 from sawmill_tomography.geometry.geometry import SourceFrame
+from sawmill_vocabulary.uncertainty import UncertaintySource
 
 
 @dataclass(frozen=True)
@@ -58,9 +64,19 @@ def with_theta(
     )
     moved = held.model.x - free.model.x
     covariance = replace(statistics.covariance, values=statistics.covariance.values + np.outer(moved, moved))
-    statistics = residual_statistics(held)
-    statistics.ray_covariance[FRAME, FRAME] = covariance.of_frame.values
-    return prepared, held, replace(statistics, covariance=covariance), distance
+    of_free, statistics = statistics.parts, residual_statistics(held)
+    nothing = np.zeros_like(statistics.ray_covariance)
+    # Other places of cells than those of the free fit have errors of their own.
+    if terms_of_rays(free) != terms_of_rays(held):
+        of_free = {
+            source: of_places_apart(of_free.get(source, nothing), statistics.parts.get(source, nothing))
+            for source in of_free | statistics.parts
+        }
+    by_holding = np.zeros_like(nothing)
+    by_holding[FRAME, FRAME] = np.outer(moved, moved)[FRAME, FRAME]
+    parts = of_free | {UncertaintySource.HELD_DISTANCE: by_holding}
+    of_rays = np.sum(list(parts.values()), axis=0)
+    return prepared, held, replace(statistics, covariance=covariance, ray_covariance=of_rays, parts=parts), distance
 
 
 def _deficit_deviations(task: CalibrationTask, frame: SourceFrame, statistics: ResidualStatistics) -> float:

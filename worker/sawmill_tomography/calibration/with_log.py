@@ -16,6 +16,7 @@ from sawmill_tomography.geometry.fit_parameters import FRAME, FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, Theta
 from sawmill_tomography.geometry.ray_error import predicted_ray_error
 from sawmill_vocabulary import Rotation
+from sawmill_vocabulary.uncertainty import UncertaintySource
 
 POSITION = [FitParameter.T_X, FitParameter.T_Y]
 
@@ -92,8 +93,12 @@ def _error_bars(
 ) -> ErrorBars:
     scanner, values = calibration.scanner, witness.covariance
     of_theta = theta_covariance(scanner, frame, theta, values)
-    of_rays = alone.ray_covariance.copy()
-    of_rays[FRAME, FRAME] = values
+    kept, by_log, by_holding = np.eye(len(alone.ray_covariance)), *np.zeros((2, *alone.ray_covariance.shape))
+    kept[FRAME, FRAME], by_log[FRAME, FRAME] = witness.kept, witness.by_log
+    by_holding[FRAME, FRAME] = np.outer(witness.step, witness.step)
+    parts = {source: kept @ part @ kept.T for source, part in alone.parts.items()} | {UncertaintySource.LOG: by_log}
+    parts[UncertaintySource.HELD_DISTANCE] = parts.get(UncertaintySource.HELD_DISTANCE, 0.0) + by_holding
+    of_rays = kept @ alone.ray_covariance @ kept.T + by_log + by_holding
     motions = alone.mixture
     if motions is not None and not np.array_equal(values, alone.covariance.values):
         # The log takes as much off the error by what else may be real as off the phantom's other errors.
@@ -106,7 +111,14 @@ def _error_bars(
         ray_covariance=of_rays,
         theta_covariance=of_theta,
         predicted_ray_error=predicted_ray_error(
-            scanner, frame, of_rays, alone.hidden_modules, motions, radius_mm=calibration.radius_mm
+            scanner,
+            frame,
+            of_rays,
+            alone.hidden_modules,
+            motions,
+            radius_mm=calibration.radius_mm,
+            further_mm=alone.further_mm,
         ),
         source_shift_resolved=of_theta is not None,
+        parts=parts,
     )

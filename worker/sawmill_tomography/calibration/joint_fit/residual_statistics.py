@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from sawmill_tomography.geometry.ray_error import (
     ViewErrors,
     predicted_ray_error,
 )
+from sawmill_vocabulary.uncertainty import UncertaintySource
 
 # The estimated inflation scatters for white noise too: within this number of standard deviations it counts as 1.
 WHITE = 3.0
@@ -36,6 +37,9 @@ SINGULAR = 1e-11
 # By chance each parameter takes one of this number of shares of the structure in the residual
 # (benchmarks/mill.py at 3ab7f653).
 SHARES = 400.0
+# The parts by source, which add up to a covariance of the rays' parameters.
+CovarianceParts = dict[UncertaintySource, FloatArray]
+
 # An undetermined combination of parameters moves the rays when this much of it is R, SDD, u_c and tau.
 RAYS_SHARE = 1e-3
 RAY_PARAMETERS = list(FitParameter)[RAYS]
@@ -53,6 +57,8 @@ class ResidualStatistics:
     inflation: float  # factor by which correlation within the views inflates the covariance; 1 for white noise
     deviation_ratio: float
     structured: bool  # True if the residual is more than white noise
+    parts: CovarianceParts  # of `ray_covariance`
+    noise: float  # standard deviation of a sample
 
 
 @dataclass(frozen=True)
@@ -91,6 +97,7 @@ def residual_statistics(joint: JointFit) -> ResidualStatistics:
     plain = joint.system.inverse(joint.used)[np.ix_(own, own)] * noise
     of_free = plain
     inflation, structured = 1.0, False
+    parts = {source: part[np.ix_(own, own)] for source, part in _plain_parts(joint).items()}
     if noise > 0.0:
         shared = max(joint.system.structured - float(joint.change @ joint.system.score), 0.0) / (SHARES * noise)
         if views > unknowns:
@@ -102,11 +109,15 @@ def residual_statistics(joint: JointFit) -> ResidualStatistics:
         inflation = max(inflation, shared)
         structured = inflation > 1.0 or slow > 1.0 + WHITE * math.sqrt(1.0 / (number * unknowns))
         of_free = plain * inflation
+        parts[UncertaintySource.WITHIN_VIEWS] = plain * (inflation - 1.0)
         if structured:
             back = (waves @ scores.unscale.T)[:, own] * STUDENT[number - 1]
-            of_free = of_free + np.real(back.conj().T @ back) / number
+            parts[UncertaintySource.BETWEEN_VIEWS] = np.real(back.conj().T @ back) / number
+            of_free = of_free + parts[UncertaintySource.BETWEEN_VIEWS]
     for bias in joint.biases:
-        of_free = of_free + np.outer(bias[own], bias[own])
+        squared = np.outer(bias[own], bias[own])
+        parts[UncertaintySource.DECLINED] = parts.get(UncertaintySource.DECLINED, 0.0) + squared
+        of_free = of_free + squared
     values, names = np.zeros((len(FitParameter), len(FitParameter))), list(free)
     values[np.ix_(names, names)] = of_free[:count, :count]
     unknown = frozenset(p for p in free if not values[p, p] > 0.0)
@@ -118,18 +129,40 @@ def residual_statistics(joint: JointFit) -> ResidualStatistics:
         inflation,
         math.sqrt(float(ratio.mean())),
         structured,
+        {source: _in_order(joint, [*free, *modules], part)[0] for source, part in parts.items()},
+        math.sqrt(noise),
     )
+
+
+def _plain_parts(joint: JointFit) -> CovarianceParts:
+    """Divide the covariance (used, used) for white noise into what noise and each random effect make of it."""
+    used, columns = joint.used, [joint.system.columns[place] for place in joint.used]
+    inverse, patches = joint.system.inverse(used), joint.system.patches
+    of_used = None if patches is None else replace(patches, taken=patches.taken[:, used])
+    parts = joint.system.source.random_parts(columns, of_used)
+    parts[UncertaintySource.EFFECT_SIZES] = np.diag(joint.precision)
+    parts[UncertaintySource.NOISE] = joint.system.normal[np.ix_(used, used)] - sum(parts.values())
+    return {source: joint.variance * inverse @ part @ inverse for source, part in parts.items()}
+
+
+def _in_order(
+    joint: JointFit, names: Sequence[int | None], covariance: FloatArray
+) -> tuple[FloatArray, list[int], list[int]]:
+    """Return the part of a covariance in the order of `terms_of_rays`, its rows there, and its rows here."""
+    order = terms_of_rays(joint)
+    kept = [n for n, name in enumerate(names) if name in order]
+    rows = [order.index(name) for name in names if name in order]
+    values = np.zeros((len(order), len(order)))
+    values[np.ix_(rows, rows)] = covariance[np.ix_(kept, kept)]
+    return values, rows, kept
 
 
 def _of_rays(
     joint: JointFit, names: Sequence[int | None], own: Sequence[int], covariance: FloatArray
 ) -> tuple[FloatArray, tuple[RayAlternatives, ...], RayErrorMixture | None]:
     """Return `ray_covariance`, `hidden_modules` and `mixture` from the covariance of the columns `own`."""
-    order = terms_of_rays(joint)
-    kept = [n for n, name in enumerate(names) if name in order]
-    rows, columns = [order.index(name) for name in names if name in order], [own[n] for n in kept]
-    values = np.zeros((len(order), len(order)))
-    values[np.ix_(rows, rows)] = covariance[np.ix_(kept, kept)]
+    values, rows, kept = _in_order(joint, names, covariance)
+    order, columns = terms_of_rays(joint), [own[n] for n in kept]
     modules = tuple(_alternatives(group, columns, rows, len(order)) for group in joint.hidden_modules if group)
     drawn = joint.motion_sets.errors
     if drawn is None:
@@ -147,6 +180,17 @@ def terms_of_rays(joint: JointFit) -> list[int]:
     if any(joint.system.columns[place].term in joint.model.of_cells for place in joint.used):
         order += [ARC, *WAVES]
     return order
+
+
+def of_places_apart(of_frame: FloatArray, of_places: FloatArray) -> FloatArray:
+    """Return the geometry's covariance of one fit beside that of the places of cells of another, in its order (n, n).
+
+    Only the first five rows and columns of `of_frame` are used, and all others of `of_places`.
+    """
+    joined = of_places.copy()
+    joined[FRAME], joined[:, FRAME] = 0.0, 0.0
+    joined[FRAME, FRAME] = of_frame[FRAME, FRAME]
+    return joined
 
 
 def _beyond_waves_mm(joint: JointFit) -> float:
@@ -216,6 +260,9 @@ class ErrorBars:
     inflation: float  # factor by which the residual's correlation within views inflated the covariance
     deviation_ratio: float
     source_shift_resolved: bool  # True if the source shift differs from zero by more than its uncertainty
+    parts: CovarianceParts  # of `ray_covariance`
+    noise: float  # standard deviation of a sample
+    further_mm: float
 
     @property
     def theta_deviation(self) -> FloatArray | None:
@@ -260,4 +307,7 @@ def error_bars(
         inflation=statistics.inflation,
         deviation_ratio=statistics.deviation_ratio,
         source_shift_resolved=of_theta is not None,
+        parts=statistics.parts,
+        noise=statistics.noise,
+        further_mm=statistics.further_mm,
     )
