@@ -138,7 +138,7 @@ def hdf5(tmp_path, answer):
 def test_a_report_of_result_h5_has_the_pictures_and_the_day(run, hdf5, tmp_path):
     path = hdf5()
     done = run("report", path, "-o", tmp_path / "report.html")
-    assert "a report of two pages" in done.stderr
+    assert "a report to print" in done.stderr
     assert done.stdout == ""
     html = (tmp_path / "report.html").read_text()
     assert html.count("data:image/svg+xml;base64,") == 3

@@ -51,7 +51,7 @@ from sawmill_vocabulary import (
 )
 from sawmill_vocabulary.messages import N_
 from sawmill_vocabulary.scattered_radiation import BeamCorrection, BeamHardening, ScatteredRadiation
-from sawmill_vocabulary.uncertainty import CountedIn, UncertaintyKind, UncertaintySource
+from sawmill_vocabulary.uncertainty import BudgetLine
 
 
 class PaperOptions(Contract):
@@ -418,53 +418,6 @@ class FoundGeometry(Contract):
         return self.standard_deviation or _UNKNOWN
 
 
-class BudgetLine(Contract):
-    """A line of the uncertainty budget: a source, and its contributions to the rays and to the image's millimetres."""
-
-    source: UncertaintySource = Field(description="Source of the uncertainty.", examples=["noise"])
-    kind: UncertaintyKind = Field(
-        description="A: evaluated from the scan's own scatter. B: from other knowledge.", examples=["A"]
-    )
-    counted_in: CountedIn = Field(
-        description="sum: its variance is in the sums, of which the shares are. bound: it counts in the 95 % bound "
-        "alone. neither: no other number of the answer contains it.",
-        examples=["sum"],
-    )
-    unit: str = Field(description="Unit of the source.", examples=["line integral"])
-    standard_uncertainty: float | None = Field(
-        description="Standard uncertainty of the source; of a misfit, of noise with the same effect on the rays. Null: "
-        "the source has no one size.",
-        examples=[0.02],
-    )
-    rays_mm_per_unit: float | None = Field(
-        description="Sensitivity of the rays, mm for each unit of the source. Null: as above.", examples=[0.75]
-    )
-    rays_mm: float = Field(
-        description="RMS ray error by this source, mm, one common scale taken out.", examples=[0.015]
-    )
-    rays_share_percent: float | None = Field(
-        description="Share in the variance of the rays. Null: not in the sum.", examples=[64.0]
-    )
-    scale_percent_per_unit: float | None = Field(
-        description="Sensitivity of the image's millimetres, per cent for each unit of the source. Null: as above.",
-        examples=[0.5],
-    )
-    scale_percent: float = Field(
-        description="Standard uncertainty of the image's millimetres by this source, per cent; of the aspect the "
-        "whole limit.",
-        examples=[0.01],
-    )
-    scale_share_percent: float | None = Field(
-        description="Share in the variance of the millimetres. Null: not in the sum.", examples=[1.2]
-    )
-
-    def stated(self, uncertainty: float) -> Self:
-        """Return a line outside of the sums with another standard uncertainty of its source."""
-        by_unit = {"rays_mm": self.rays_mm_per_unit or 0.0, "scale_percent": self.scale_percent_per_unit or 0.0}
-        changed = {name: each * uncertainty for name, each in by_unit.items()}
-        return self.model_copy(update={"standard_uncertainty": uncertainty, **changed})
-
-
 class Accuracy(Contract):
     """Uncertainties of the image's scale and of the rays."""
 
@@ -489,9 +442,8 @@ class Accuracy(Contract):
 
     uncertainty_budget: list[BudgetLine] = Field(
         [],
-        description="Uncertainty budget: what each source does to the rays and to the image's millimetres. The lines "
-        "in the sum add up to the square of `predicted_ray_error_mm.rms`. Empty: no error bars, or an answer of an "
-        "earlier version.",
+        description="Sources of the uncertainty. Squares of the lines in the sum add up to the square of "
+        "`predicted_ray_error_mm.rms`. Empty: no error bars, or an answer of an earlier version.",
     )
 
     @property

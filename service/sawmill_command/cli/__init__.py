@@ -20,4 +20,4 @@ COMMANDS = {
         "compile",
         "phantom",
     )
-} | {"image-quality": f"{__name__}.reconstruct"}
+} | {"budget": f"{__name__}.report", "image-quality": f"{__name__}.reconstruct"}

@@ -1,5 +1,5 @@
-"""`sawmill report`: flags."""
-# ruff: noqa: PLC0415 - imports inside the command: its help needs none
+"""`sawmill report` and `sawmill budget`: flags and output."""
+# ruff: noqa: PLC0415, FBT002 - imports inside the command: its help needs none; flags are booleans with a default
 
 from pathlib import Path
 from typing import Annotated
@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from sawmill_worker.commands import options as shared
-from sawmill_worker.commands.terminal import Command, answering, say
+from sawmill_worker.commands.terminal import Command, answering, print_json, say
 
 app = typer.Typer()
 
@@ -32,4 +32,28 @@ def report(
         has_pictures = write_report(result, output)
     if not has_pictures:
         say(f"{result.name} has the numbers alone: the report has no pictures of the scan; result.h5 has them")
-    say(f"a report of two pages: {output}")
+    say(f"a report to print: {output}")
+
+
+@app.command(cls=Command)
+def budget(
+    result: Annotated[
+        Path,
+        typer.Argument(metavar="RESULT", exists=True, dir_okay=False, help="A calibration's result.h5 or RESULT.json."),
+    ],
+    as_json: shared.JsonFlag = False,
+) -> None:
+    """Report what a calibration's uncertainty is made of: each source, with its share in rays and millimetres."""
+    with answering(as_json=as_json):
+        from sawmill_calibration.failures import refused
+        from sawmill_calibration.result_file import read_calibration
+
+        answer = read_calibration(result)
+        if not answer.uncertainty_budget:
+            raise refused("no-budget", f"{result.name} has no uncertainty budget: calibrate its scan again")
+    if as_json:
+        print_json({"state": "succeeded", **answer.model_dump(mode="json", include={"uncertainty_budget"})})
+    else:
+        from sawmill_worker.commands.tables import print_budget
+
+        print_budget(answer)

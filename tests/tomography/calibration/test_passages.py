@@ -40,7 +40,7 @@ def test_each_view_stands_elsewhere_and_the_rays_are_right(phantom, views, shift
     found = calibrate(made.task)
     bars = found.findings.error_bars
     assert made.error_mm(found) < bars.predicted_ray_error.upper_95_mm < 0.1
-    assert bars.inflation == pytest.approx(1.0, abs=0.3), "no view is far from its pose"
+    assert bars.statistics.inflation == pytest.approx(1.0, abs=0.3), "no view is far from its pose"
     assert found.judgement.rays_verdict == "pass"
     elsewhere = next(each for each in found.adjustments if "each-view-elsewhere" in each.codes)
     values = elsewhere.parts[0].values

@@ -23,7 +23,7 @@ from sawmill_tomography.calibration.recalling import Evaluations, RecallingObjec
 from sawmill_tomography.calibration.refusals import CalibrationError
 from sawmill_tomography.calibration.search.search import SearchCallback
 from sawmill_tomography.calibration.task import CalibrationTask
-from sawmill_tomography.calibration.uncertainty_budget import BudgetLine, uncertainty_budget
+from sawmill_tomography.calibration.uncertainty_budget import uncertainty_budget
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.sinograms.present_rows import mean_of_rows
 from sawmill_vocabulary import Adjustment, CalibrationMethod, Progress, ProgressCallback, ThetaBounds
@@ -272,7 +272,7 @@ def calibration_result(
         scale_uncertainty_mm=findings.scale.source_distance_mm,
         scale_ray_error_mm=findings.scale.ray_error_mm,
         scale_uncertainty_percent=findings.scale.percent_95,
-        uncertainty_budget=[_budget_line(each) for each in uncertainty_budget(calibration)],
+        uncertainty_budget=uncertainty_budget(calibration),
         handedness=calibration.handedness,
         rotation=calibration.rotation,
         hypotheses=_hypotheses(findings.alternatives),
@@ -301,15 +301,6 @@ def calibration_result(
         comparison=comparison,
         log_check=witness,
     )
-
-
-def _budget_line(line: BudgetLine) -> contracts.BudgetLine:
-    """Convert a line of the uncertainty budget to its contract."""
-    fields = {
-        name: getattr(line.source if hasattr(line.source, name) else line, name)
-        for name in contracts.BudgetLine.model_fields
-    }
-    return contracts.BudgetLine.model_validate(fields)
 
 
 def measurement_reasons(drawing: PhantomDrawing, today: date) -> Iterator[Reason]:

@@ -11,7 +11,6 @@ from sawmill_tomography.calibration.joint_fit.fitter import fit_consistent_views
 from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit
 from sawmill_tomography.calibration.joint_fit.residual_statistics import (
     ResidualStatistics,
-    of_places_apart,
     residual_statistics,
     terms_of_rays,
 )
@@ -64,17 +63,15 @@ def with_theta(
     )
     moved = held.model.x - free.model.x
     covariance = replace(statistics.covariance, values=statistics.covariance.values + np.outer(moved, moved))
-    of_free, statistics = statistics.parts, residual_statistics(held)
-    nothing = np.zeros_like(statistics.ray_covariance)
-    # Other places of cells than those of the free fit have errors of their own.
-    if terms_of_rays(free) != terms_of_rays(held):
-        of_free = {
-            source: of_places_apart(of_free.get(source, nothing), statistics.parts.get(source, nothing))
-            for source in of_free | statistics.parts
-        }
-    by_holding = np.zeros_like(nothing)
-    by_holding[FRAME, FRAME] = np.outer(moved, moved)[FRAME, FRAME]
-    parts = of_free | {UncertaintySource.HELD_DISTANCE: by_holding}
+    of_free, statistics = statistics, residual_statistics(held)
+    blocks = [(of_free, slice(None))]
+    if terms_of_rays(free) != terms_of_rays(held):  # the fits have other places of cells, with errors of their own
+        blocks = [(of_free, FRAME), (statistics, slice(FRAME.stop, None))]
+    parts = {source: np.zeros_like(statistics.ray_covariance) for source in UncertaintySource}
+    for each, block in blocks:
+        for source, part in each.parts.items():
+            parts[source][block, block] = part[block, block]
+    parts[UncertaintySource.HELD][FRAME, FRAME] = np.outer(moved, moved)[FRAME, FRAME]
     of_rays = np.sum(list(parts.values()), axis=0)
     return prepared, held, replace(statistics, covariance=covariance, ray_covariance=of_rays, parts=parts), distance
 

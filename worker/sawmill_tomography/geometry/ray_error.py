@@ -225,7 +225,7 @@ class RayErrorPrediction:
     max_mm: float  # standard deviation at the worst point
     upper_95_mm: float  # the RMS ray error stays below this in 95 of 100 cases
     interval_95_mm: tuple[float, float]  # (low, high): the RMS ray error lies in this interval in 95 of 100 cases
-    hidden_mm: float = 0.0  # RMS over the cases of what the `alternatives` add, and the `mixture`
+    hidden_mm: float = 0.0  # RMS over the cases of what the alternatives add, and the mixture
     instead_mm: float = 0.0
 
 
@@ -279,9 +279,13 @@ def predicted_ray_error(
     point's derivatives; the common rotation and scale are projected out of the derivatives as `ray_error` removes them
     from the distances. `scale_deviation` returns the scale's own error.
     """
+    points, cells = chord_points(scanner, frame, radius_mm)
+    ray, on_chord = np.divmod(np.arange(0, points[..., 0].size, PREDICTED_AT), POINTS_PER_CHORD)
     hidden = sorted({cell for each in alternatives for cell in each.first_cells.tolist()})
     of_places = len(covariance) > 5 + 2 * len(scanner.detector_modules)
-    at, distances = _predicted(scanner, frame, radius_mm, hidden, of_places=of_places)
+    distances = _linear(
+        scanner, frame, points[ray, on_chord][:, None], cells[ray], hidden, of_places=of_places
+    ).distances
     derivative = distances[:, : len(covariance)]
     variance = (derivative @ covariance * derivative).sum(axis=1) + further_mm**2
     form = derivative.T @ derivative / len(derivative)
@@ -291,47 +295,23 @@ def predicted_ray_error(
         errors = _drawn_errors(form, covariance, mixture, rng)
         squares = (errors @ form * errors).sum(axis=1)
     else:
+        at = points[ray, on_chord], cells[ray]
         squares, variance = _of_views(scanner, frame, at, of_views, rng, of_places=of_places)
         # What modules hide adds to errors that the poses have taken up.
         errors = np.zeros((DRAWS, len(covariance)))
     if further_mm:
         squares += further_mm**2 * FREEDOM / rng.chisquare(FREEDOM, DRAWS)
     moves = _ModuleMoves.of(form, derivative, hidden, distances[:, distances.shape[1] - 2 * len(hidden) :])
-    by_hidden = np.zeros(DRAWS)
-    for each in alternatives:
-        by_hidden += moves.added_squares(each, errors, rng)
+    by_hidden = sum((moves.added_squares(each, errors, rng) for each in alternatives), np.zeros(DRAWS))
     squares += by_hidden
-    instead = 0.0 if mixture is None else ((mixture.errors @ form) * mixture.errors).sum() / mixture.draws
+    instead = 0.0 if mixture is None else float(((mixture.errors @ form) * mixture.errors).sum()) / mixture.draws
     low, upper, high = np.sqrt(np.maximum(np.quantile(squares, [0.025, 0.95, 0.975]), 0.0)).tolist()
     return RayErrorPrediction(
-        float(np.sqrt(max(variance.mean(), 0.0))),
-        float(np.sqrt(max(variance.max(), 0.0))),
+        *np.sqrt(np.maximum([variance.mean(), variance.max()], 0.0)).tolist(),
         upper,
         (low, high),
-        math.sqrt(max(float(by_hidden.mean()), 0.0)),
-        math.sqrt(float(instead)),
+        *np.sqrt(np.maximum([by_hidden.mean(), instead], 0.0)).tolist(),
     )
-
-
-def ray_form(scanner: Scanner, frame: SourceFrame, size: int, *, radius_mm: float = 150.0) -> FloatArray:
-    """Return the quadratic form (size, size), mm^2, of `predicted_ray_error` without errors beyond a covariance.
-
-    The trace of its product with a covariance of this size is the mean square ray error.
-    """
-    of_places = size > 5 + 2 * len(scanner.detector_modules)
-    derivative = _predicted(scanner, frame, radius_mm, of_places=of_places)[1][:, :size]
-    form: FloatArray = derivative.T @ derivative / len(derivative)
-    return form
-
-
-def _predicted(
-    scanner: Scanner, frame: SourceFrame, radius_mm: float, hidden_cells: Sequence[int] = (), *, of_places: bool
-) -> tuple[tuple[FloatArray, NDArray[np.intp]], FloatArray]:
-    """Return the points (n, 2) of a prediction with their cells (n,), and the distances (n, ...) of `_Linear`."""
-    points, cells = chord_points(scanner, frame, radius_mm)
-    ray, on_chord = np.divmod(np.arange(0, points[..., 0].size, PREDICTED_AT), POINTS_PER_CHORD)
-    at = points[ray, on_chord], cells[ray]
-    return at, _linear(scanner, frame, at[0][:, None], at[1], hidden_cells, of_places=of_places).distances
 
 
 def _of_views(

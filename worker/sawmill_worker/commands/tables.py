@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from sawmill_calibration.pictures.report_numbers import calibration_table
+from sawmill_calibration.pictures import report_numbers as numbers
 from sawmill_calibration.scans.pack import ScanPack
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.drifts import DriftResult
@@ -26,7 +26,7 @@ def print_calibration(result: CalibrationResult) -> None:
     colour = {"pass": "green", "watch": "yellow", "fail": "red"}[result.verdict]
     title = f"Calibration with {escape(result.phantom)}: [bold {colour}]{result.verdict}[/]"
     table = Table(title=title, show_header=False)
-    for label, value in calibration_table(result):
+    for label, value in numbers.calibration_table(result):
         table.add_row(label, value)
     console = Console()
     console.print(table)
@@ -79,6 +79,20 @@ def print_drift(result: DriftResult) -> None:
         console.print(f"- {done}", highlight=False, markup=False)
     for blind in result.not_seen:
         console.print(f"- not seen: {blind}", highlight=False, markup=False)
+
+
+def print_budget(result: CalibrationResult) -> None:
+    """Print the uncertainty budget, and what it is not."""
+    table = Table(title=f"Uncertainty of a calibration with {escape(result.phantom)}", box=box.SIMPLE, padding=0)
+    table.add_column("source", overflow="fold")
+    for column in numbers.BUDGET_COLUMNS:
+        table.add_column(column, justify="right", no_wrap=True)
+    for label, cells in numbers.budget_rows(result):
+        table.add_row(*((label, *cells) if cells else (f"[bold]{label}[/]",)))
+    console = Console()
+    console.print(table)
+    for note in numbers.budget_notes(result):
+        console.print(f"- {note}", highlight=False, markup=False)
 
 
 def print_repeatability(result: RepeatabilityResult) -> None:

@@ -27,7 +27,6 @@ from sawmill_tomography.calibration.joint_fit.wood_patches import Variation, var
 from sawmill_tomography.geometry.fit_parameters import FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.statistics import robust_deviation
-from sawmill_vocabulary.uncertainty import UncertaintySource
 
 # Terms that may change from view to view, or be projected out of each view.
 KEPT = (*POSE, Term.GAIN, Term.OFFSET)
@@ -342,30 +341,20 @@ class ViewGrams:
         change = (inverse @ (scores[:, every] - self._pull)[..., None])[..., 0]
         return change, inverse @ self._with_terms(columns, every), np.asarray(inverse[:, :, own], np.float64)
 
-    def random_parts(self, columns: Sequence[Column], patches: "Patches | None") -> dict[UncertaintySource, FloatArray]:
-        """Compute the part (n, n) of the columns' normal matrix by the scatter of each random effect, the rest noise's.
+    def scatter(self, columns: Sequence[Column], patches: "Patches | None") -> FloatArray:
+        """Return the part (n, n) of the columns' normal equations by the scatter of random effects; the rest is noise.
 
-        A random effect with precision L of which `taken` compensates the columns scatters the score by taken' L taken.
+        A random effect with precision L, of which `taken` compensates the columns, scatters it by taken' L taken.
         """
-        left = np.eye(len(columns))
-        every = list(columns) if patches is None else [*columns, *self._patches]
+        every, left = list(columns), np.eye(len(columns))
         if patches is not None:
-            left = np.concatenate([left, -patches.taken])
+            every, left = [*columns, *self._patches], np.concatenate([left, -patches.taken])
         sums = left.T @ self._sums_of(every)
-        stripes = self.stripe_shares * (1.0 - self.stripe_shares * self._count)
-        parts = {UncertaintySource.FLAT_FIELD: (sums * stripes) @ sums.T}
-        if patches is not None:
-            parts[UncertaintySource.WOOD_DENSITY] = self._density_precision * patches.taken.T @ patches.taken
-        taken = self.of_each_view(every, self._projected)[1] @ left if self._projected else np.zeros((0, 0, 0))
-        terms = dict(enumerate(self._projected))
-        for source, own in (
-            (UncertaintySource.AIR_LEVELS, [n for n, term in terms.items() if term is Term.OFFSET]),
-            (UncertaintySource.VIEW_ANGLES, [n for n, term in terms.items() if term in POSE]),
-        ):
-            by, precision = taken[:, own], self._precision[:, own][:, :, own]
-            if own and precision.any():
-                parts[source] = np.einsum("vin,vij,vjm->nm", by, precision, by, optimize=True)
-        return parts
+        scatter: FloatArray = (sums * self.stripe_shares * (1.0 - self.stripe_shares * self._count)) @ sums.T
+        if self._projected:
+            taken = self.of_each_view(every, self._projected)[1] @ left
+            scatter += np.einsum("vin,vij,vjm->nm", taken, self._precision, taken, optimize=True)
+        return scatter if patches is None else scatter + self._density_precision * patches.taken.T @ patches.taken
 
     def _densities_alone(self, whole: "System") -> tuple[FloatArray, FloatArray]:
         """Return the inverse normal matrix and the score of the densities, the last columns, with their prior."""

@@ -37,9 +37,6 @@ SINGULAR = 1e-11
 # By chance each parameter takes one of this number of shares of the structure in the residual
 # (benchmarks/mill.py at 3ab7f653).
 SHARES = 400.0
-# The parts by source, which add up to a covariance of the rays' parameters.
-CovarianceParts = dict[UncertaintySource, FloatArray]
-
 # An undetermined combination of parameters moves the rays when this much of it is R, SDD, u_c and tau.
 RAYS_SHARE = 1e-3
 RAY_PARAMETERS = list(FitParameter)[RAYS]
@@ -51,14 +48,14 @@ class ResidualStatistics:
 
     covariance: Covariance  # covariance of the seven unknowns, inflated by what the residual has beyond white noise
     ray_covariance: FloatArray  # (5 + 2 modules, 5 + 2 modules), with the places of cells where they are fitted
+    parts: dict[UncertaintySource, FloatArray]  # by source, they add up to `ray_covariance`
     hidden_modules: tuple[RayAlternatives, ...]
     mixture: RayErrorMixture | None  # all that may be real instead of what was fitted
     further_mm: float  # RMS ray error by what the detector's cells have beyond the waves that are fitted
+    noise: float  # standard deviation of a sample
     inflation: float  # factor by which correlation within the views inflates the covariance; 1 for white noise
     deviation_ratio: float
     structured: bool  # True if the residual is more than white noise
-    parts: CovarianceParts  # of `ray_covariance`
-    noise: float  # standard deviation of a sample
 
 
 @dataclass(frozen=True)
@@ -96,8 +93,8 @@ def residual_statistics(joint: JointFit) -> ResidualStatistics:
     own, noise, count = [*free.values(), *modules.values()], joint.variance, len(free)
     plain = joint.system.inverse(joint.used)[np.ix_(own, own)] * noise
     of_free = plain
-    inflation, structured = 1.0, False
     parts = {source: part[np.ix_(own, own)] for source, part in _plain_parts(joint).items()}
+    inflation, structured = 1.0, False
     if noise > 0.0:
         shared = max(joint.system.structured - float(joint.change @ joint.system.score), 0.0) / (SHARES * noise)
         if views > unknowns:
@@ -114,62 +111,55 @@ def residual_statistics(joint: JointFit) -> ResidualStatistics:
             back = (waves @ scores.unscale.T)[:, own] * STUDENT[number - 1]
             parts[UncertaintySource.BETWEEN_VIEWS] = np.real(back.conj().T @ back) / number
             of_free = of_free + parts[UncertaintySource.BETWEEN_VIEWS]
-    for bias in joint.biases:
-        squared = np.outer(bias[own], bias[own])
-        parts[UncertaintySource.DECLINED] = parts.get(UncertaintySource.DECLINED, 0.0) + squared
-        of_free = of_free + squared
+    if joint.biases:
+        parts[UncertaintySource.DECLINED] = np.sum([np.outer(bias[own], bias[own]) for bias in joint.biases], axis=0)
+        of_free = of_free + parts[UncertaintySource.DECLINED]
     values, names = np.zeros((len(FitParameter), len(FitParameter))), list(free)
     values[np.ix_(names, names)] = of_free[:count, :count]
     unknown = frozenset(p for p in free if not values[p, p] > 0.0)
     ratio = np.diag(of_free)[:count] / np.where(np.diag(plain) > 0.0, np.diag(plain), 1.0)[:count]
     return ResidualStatistics(
         Covariance(values, frozenset(FitParameter) - frozenset(free), unknown),
-        *_of_rays(joint, [*free, *modules], own, of_free),
+        *_of_rays(joint, [*free, *modules], own, of_free, parts),
         _beyond_waves_mm(joint),
+        math.sqrt(noise),
         inflation,
         math.sqrt(float(ratio.mean())),
         structured,
-        {source: _in_order(joint, [*free, *modules], part)[0] for source, part in parts.items()},
-        math.sqrt(noise),
     )
 
 
-def _plain_parts(joint: JointFit) -> CovarianceParts:
-    """Divide the covariance (used, used) for white noise into what noise and each random effect make of it."""
-    used, columns = joint.used, [joint.system.columns[place] for place in joint.used]
-    inverse, patches = joint.system.inverse(used), joint.system.patches
+def _plain_parts(joint: JointFit) -> dict[UncertaintySource, FloatArray]:
+    """Divide the covariance (used, used) for white noise by sources: noise, random effects, and sizes of effects."""
+    used, system, patches = joint.used, joint.system, joint.system.patches
     of_used = None if patches is None else replace(patches, taken=patches.taken[:, used])
-    parts = joint.system.source.random_parts(columns, of_used)
-    parts[UncertaintySource.EFFECT_SIZES] = np.diag(joint.precision)
-    parts[UncertaintySource.NOISE] = joint.system.normal[np.ix_(used, used)] - sum(parts.values())
-    return {source: joint.variance * inverse @ part @ inverse for source, part in parts.items()}
-
-
-def _in_order(
-    joint: JointFit, names: Sequence[int | None], covariance: FloatArray
-) -> tuple[FloatArray, list[int], list[int]]:
-    """Return the part of a covariance in the order of `terms_of_rays`, its rows there, and its rows here."""
-    order = terms_of_rays(joint)
-    kept = [n for n, name in enumerate(names) if name in order]
-    rows = [order.index(name) for name in names if name in order]
-    values = np.zeros((len(order), len(order)))
-    values[np.ix_(rows, rows)] = covariance[np.ix_(kept, kept)]
-    return values, rows, kept
+    scatter = system.source.scatter([system.columns[place] for place in used], of_used) + np.diag(joint.precision)
+    inverse, normal = system.inverse(used), system.normal[np.ix_(used, used)]
+    of_sources = {UncertaintySource.NOISE: normal - scatter, UncertaintySource.SCATTER: scatter}
+    return {source: joint.variance * inverse @ part @ inverse for source, part in of_sources.items()}
 
 
 def _of_rays(
-    joint: JointFit, names: Sequence[int | None], own: Sequence[int], covariance: FloatArray
-) -> tuple[FloatArray, tuple[RayAlternatives, ...], RayErrorMixture | None]:
-    """Return `ray_covariance`, `hidden_modules` and `mixture` from the covariance of the columns `own`."""
-    values, rows, kept = _in_order(joint, names, covariance)
-    order, columns = terms_of_rays(joint), [own[n] for n in kept]
+    joint: JointFit,
+    names: Sequence[int | None],
+    own: Sequence[int],
+    covariance: FloatArray,
+    parts: dict[UncertaintySource, FloatArray],
+) -> tuple[FloatArray, dict[UncertaintySource, FloatArray], tuple[RayAlternatives, ...], RayErrorMixture | None]:
+    """Return `ray_covariance`, `parts`, `hidden_modules` and `mixture` from the covariance of the columns `own`."""
+    order = terms_of_rays(joint)
+    kept = [n for n, name in enumerate(names) if name in order]
+    rows, columns = [order.index(name) for name in names if name in order], [own[n] for n in kept]
+    every = np.zeros((1 + len(parts), len(order), len(order)))
+    every[np.ix_(range(len(every)), rows, rows)] = np.stack([covariance, *parts.values()])[:, kept][:, :, kept]
+    values, of_sources = every[0], dict(zip(parts, every[1:], strict=True))
     modules = tuple(_alternatives(group, columns, rows, len(order)) for group in joint.hidden_modules if group)
     drawn = joint.motion_sets.errors
     if drawn is None:
-        return values, modules, None
+        return values, of_sources, modules, None
     errors = np.zeros((len(drawn), len(order)))
     errors[:, rows] = drawn[:, columns]
-    return values, modules, RayErrorMixture(errors, DRAWS)
+    return values, of_sources, modules, RayErrorMixture(errors, DRAWS)
 
 
 def terms_of_rays(joint: JointFit) -> list[int]:
@@ -180,17 +170,6 @@ def terms_of_rays(joint: JointFit) -> list[int]:
     if any(joint.system.columns[place].term in joint.model.of_cells for place in joint.used):
         order += [ARC, *WAVES]
     return order
-
-
-def of_places_apart(of_frame: FloatArray, of_places: FloatArray) -> FloatArray:
-    """Return the geometry's covariance of one fit beside that of the places of cells of another, in its order (n, n).
-
-    Only the first five rows and columns of `of_frame` are used, and all others of `of_places`.
-    """
-    joined = of_places.copy()
-    joined[FRAME], joined[:, FRAME] = 0.0, 0.0
-    joined[FRAME, FRAME] = of_frame[FRAME, FRAME]
-    return joined
 
 
 def _beyond_waves_mm(joint: JointFit) -> float:
@@ -251,18 +230,14 @@ def _scores(joint: JointFit) -> _Scores:
 class ErrorBars:
     """Uncertainties of a calibration."""
 
-    covariance: Covariance  # covariance of the geometry's five unknowns
-    ray_covariance: FloatArray  # (5 + 2 modules, 5 + 2 modules)
-    hidden_modules: tuple[RayAlternatives, ...]
-    mixture: RayErrorMixture | None  # all that may be real instead of what was fitted
-    theta_covariance: FloatArray | None  # (5, 5) or None: covariance of theta
+    statistics: ResidualStatistics
+    theta_covariance: FloatArray | None  # (5, 5); None where the source shift is not resolved from zero
     predicted_ray_error: RayErrorPrediction  # predicted ray error inside the log's disc
-    inflation: float  # factor by which the residual's correlation within views inflated the covariance
-    deviation_ratio: float
-    source_shift_resolved: bool  # True if the source shift differs from zero by more than its uncertainty
-    parts: CovarianceParts  # of `ray_covariance`
-    noise: float  # standard deviation of a sample
-    further_mm: float
+
+    @property
+    def covariance(self) -> Covariance:
+        """Covariance of the geometry's five unknowns."""
+        return self.statistics.covariance.of_frame
 
     @property
     def theta_deviation(self) -> FloatArray | None:
@@ -286,28 +261,15 @@ def error_bars(
 
     `of_views` are the errors of views with poses of their own.
     """
-    covariance = statistics.covariance.of_frame
-    of_theta = theta_covariance(scanner, frame, theta, covariance.values)
-    return ErrorBars(
-        covariance=covariance,
-        ray_covariance=statistics.ray_covariance,
-        hidden_modules=statistics.hidden_modules,
-        mixture=statistics.mixture,
-        theta_covariance=of_theta,
-        predicted_ray_error=predicted_ray_error(
-            scanner,
-            frame,
-            statistics.ray_covariance,
-            statistics.hidden_modules,
-            statistics.mixture,
-            radius_mm=radius_mm,
-            further_mm=statistics.further_mm,
-            of_views=of_views,
-        ),
-        inflation=statistics.inflation,
-        deviation_ratio=statistics.deviation_ratio,
-        source_shift_resolved=of_theta is not None,
-        parts=statistics.parts,
-        noise=statistics.noise,
+    predicted = predicted_ray_error(
+        scanner,
+        frame,
+        statistics.ray_covariance,
+        statistics.hidden_modules,
+        statistics.mixture,
+        radius_mm=radius_mm,
         further_mm=statistics.further_mm,
+        of_views=of_views,
     )
+    of_theta = theta_covariance(scanner, frame, theta, statistics.covariance.of_frame.values)
+    return ErrorBars(statistics, of_theta, predicted)
