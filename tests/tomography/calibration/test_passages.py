@@ -11,6 +11,7 @@ from tests.support.exact_chords import BentDetector, full_turn
 from sawmill_tomography.calibration.calibrate import calibrate
 from sawmill_tomography.calibration.calibration import CalibratedGeometry
 from sawmill_tomography.calibration.comparison import ChangeLimits, compare
+from sawmill_tomography.calibration.uncertainty_budget import uncertainty_budget
 from sawmill_tomography.drift.change import DriftError
 from sawmill_tomography.drift.detector_fit import detector_fit
 from sawmill_tomography.phantoms.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
@@ -41,6 +42,8 @@ def test_each_view_stands_elsewhere_and_the_rays_are_right(phantom, views, shift
     bars = found.findings.error_bars
     assert made.error_mm(found) < bars.predicted_ray_error.upper_95_mm < 0.1
     assert bars.statistics.inflation == pytest.approx(1.0, abs=0.3), "no view is far from its pose"
+    (poses, size, *_) = uncertainty_budget(found)
+    assert (poses.source, poses.rays_mm, size.source) == ("view-poses", bars.predicted_ray_error.rms_mm, "phantom-size")
     assert found.judgement.rays_verdict == "pass"
     elsewhere = next(each for each in found.adjustments if "each-view-elsewhere" in each.codes)
     values = elsewhere.parts[0].values
