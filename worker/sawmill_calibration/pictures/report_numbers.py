@@ -30,7 +30,7 @@ class ReportedParameter:
 
 Row = tuple[str, str]
 BUDGET_COLUMNS = (N_("kind"), N_("std. unc."), N_("mm / unit"), N_("rays, mm"), "%", N_("scale, %"), "%")
-BUDGET_PARTS = {"sum": N_("added up"), "bound": N_("in the bounds alone"), "neither": N_("assumed, in no number")}
+BUDGET_PARTS = {"sum": N_("added up"), "bound": N_("in the bounds alone"), "neither": N_("assumed, in no other number")}
 BUDGET_NOTES = (
     N_("A: from the scan's own scatter. B: from other knowledge. Noise, scatter and misfit are line integrals."),
     N_("The sum: rays %(rays_mm)s mm, scale %(scale_percent)s %%. The bounds (95 %%): %(rays)s mm and %(scale)s %%."),
