@@ -442,8 +442,7 @@ class Accuracy(Contract):
 
     uncertainty_budget: list[BudgetLine] = Field(
         [],
-        description="Sources of the uncertainty. Squares of the lines in the sum add up to the square of "
-        "`predicted_ray_error_mm.rms`. Empty: no error bars, or an answer of an earlier version.",
+        description="Sources of the uncertainty. Empty: no error bars, or an answer of an earlier version.",
     )
 
     @property

@@ -1,5 +1,5 @@
 """`sawmill report` and `sawmill budget`: flags and output."""
-# ruff: noqa: PLC0415, FBT002 - imports inside the command: its help needs none; flags are booleans with a default
+# ruff: noqa: PLC0415 - imports inside the command: its help needs none
 
 from pathlib import Path
 from typing import Annotated
@@ -7,24 +7,15 @@ from typing import Annotated
 import typer
 
 from sawmill_worker.commands import options as shared
-from sawmill_worker.commands.terminal import Command, answering, print_json, say
+from sawmill_worker.commands.terminal import Command, answering, say
 
 app = typer.Typer()
+_HELP = "A calibration's result.h5, or its RESULT.json, which has no pictures of the scan."
+ResultFile = Annotated[Path, typer.Argument(metavar="RESULT", exists=True, dir_okay=False, help=_HELP)]
 
 
 @app.command(cls=Command)
-def report(
-    result: Annotated[
-        Path,
-        typer.Argument(
-            metavar="RESULT",
-            exists=True,
-            dir_okay=False,
-            help="A calibration's result.h5, or its RESULT.json, which has no pictures of the scan.",
-        ),
-    ],
-    output: shared.Result,
-) -> None:
+def report(result: ResultFile, output: shared.Result) -> None:
     """Write a calibration's report as one HTML page that prints on A4."""
     with answering():
         from sawmill_worker.commands.report import write_report
@@ -36,24 +27,14 @@ def report(
 
 
 @app.command(cls=Command)
-def budget(
-    result: Annotated[
-        Path,
-        typer.Argument(metavar="RESULT", exists=True, dir_okay=False, help="A calibration's result.h5 or RESULT.json."),
-    ],
-    as_json: shared.JsonFlag = False,
-) -> None:
+def budget(result: ResultFile) -> None:
     """Report what a calibration's uncertainty is made of: each source, with its share in rays and millimetres."""
-    with answering(as_json=as_json):
+    with answering():
         from sawmill_calibration.failures import refused
         from sawmill_calibration.result_file import read_calibration
+        from sawmill_worker.commands.tables import print_budget
 
         answer = read_calibration(result)
         if not answer.uncertainty_budget:
             raise refused("no-budget", f"{result.name} has no uncertainty budget: calibrate its scan again")
-    if as_json:
-        print_json({"state": "succeeded", **answer.model_dump(mode="json", include={"uncertainty_budget"})})
-    else:
-        from sawmill_worker.commands.tables import print_budget
-
         print_budget(answer)

@@ -23,7 +23,7 @@ from sawmill_contracts.phantoms import PhantomDrawing
 from sawmill_contracts.scanners import Tolerances
 from sawmill_vocabulary.calibration_arrays import CalibrationArrays
 from sawmill_vocabulary.messages import Reader
-from sawmill_vocabulary.uncertainty import BudgetLine, UncertaintySource
+from sawmill_vocabulary.uncertainty import BudgetLine
 
 VIEWS, CELLS = 20, 48
 EASTERN = timezone(timedelta(hours=2), "EET")
@@ -180,27 +180,25 @@ def test_a_scanner_that_moved_is_no_reason_to_accept_at_once():
 
 
 BUDGET = [
-    BudgetLine(source, 0.5, rays_mm, 0.1, share, 0.03, share, source.kind, source.counted_in, source.unit)
-    for source, rays_mm, share in (
-        (UncertaintySource.NOISE, 0.03, 36.0),
-        (UncertaintySource.BETWEEN_VIEWS, 0.04, 64.0),
-        (UncertaintySource.MOISTURE, 0.0, None),
-    )
+    BudgetLine("noise", 0.5, 0.03, 0.06, 36.0, 0.03, 100.0, "A", "sum", "1"),
+    BudgetLine("moisture", 0.5, 0.0, 0.0, None, 0.125, None, "B", "neither", "%"),
+    BudgetLine("of a later version", None, 0.1, None, None, 0.0, None, "B", "bound", ""),
 ]
 
 
 def test_the_third_part_has_the_uncertainty_budget_and_what_it_is_not():
     shown, html = page(answer(uncertainty_budget=BUDGET))
     assert html.count("<article") == 3
-    assert "misfit from view to view A 0.5 0.1 0.04 64 0.03 64" in shown.text
-    assert "moisture since the phantom was measured B 0.5 % 0.1 0 0.03" in shown.text
-    assert "The sum: rays 0.05 mm, scale 0.042 %. The bounds (95 %): 0.04 mm and 0.3 %." in shown.text
+    assert "noise of the samples A 0.5 0.06 0.03 36 0.03 100" in shown.text
+    assert "moisture since the phantom was measured B 0.5 % 0 0 0.125" in shown.text
+    assert "of a later version B 0.1 0" in shown.text
+    assert "rays 0.04 mm, by draws; scale 0.3 %" in shown.text
     assert "no accreditation and no certificate" in shown.text
     assert "The phantom's ruler: x 99.8 ± 0.05 mm (2026-11-20)" in shown.text
     words = {"noise of the samples": "kohina"}
     finnish = Reader(lambda text: words.get(text, text), lambda value, _: f"{value:.1f}".replace(".", ","), "fi")
     html = report_html(answer(uncertainty_budget=BUDGET), ABOUT, None, finnish)
-    assert "kohina A 0,5 0,1 0,03 36 0,03 36" in unescape(text_of(html))
+    assert "kohina A 0,5 0,06 0,03 36 0,03 100" in unescape(text_of(html))
 
 
 def test_no_name_ends_the_style():

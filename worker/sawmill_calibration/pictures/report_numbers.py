@@ -11,6 +11,7 @@ from sawmill_contracts.calibrations import CalibrationResult, Comparison, FoundG
 from sawmill_contracts.phantoms import PhantomDrawing, SizeMeasurement
 from sawmill_vocabulary import Shape, Theta
 from sawmill_vocabulary.messages import ENGLISH, N_, Reader
+from sawmill_vocabulary.uncertainty import SOURCES
 
 NOT_KNOWN = N_("not known")
 FRAME_SYMBOLS = ("psi", "R", "SDD", "u_c", "tau")
@@ -33,8 +34,7 @@ BUDGET_COLUMNS = (N_("kind"), N_("std. unc."), N_("mm / unit"), N_("rays, mm"), 
 BUDGET_PARTS = {"sum": N_("added up"), "bound": N_("in the bounds alone"), "neither": N_("assumed, in no other number")}
 BUDGET_NOTES = (
     N_("A: from the scan's own scatter. B: from other knowledge. Noise, scatter and misfit are line integrals."),
-    N_("The sum: rays %(rays_mm)s mm, scale %(scale_percent)s %%. The bounds (95 %%): %(rays)s mm and %(scale)s %%."),
-    N_("The bound of the rays is drawn from all but the last part; of the scale: 1.96 times the sum, plus the aspect."),
+    N_("Bounds (95 %%): rays %(rays)s mm, by draws; scale %(scale)s %%, 1.96 times the sum, and the aspect."),
     N_("Another distance of the cells changes SDD and u_c alone. Another r_S changes h_S alone, unless R was held."),
     N_("This is no accreditation and no certificate. Millimetres are traceable as far as the phantom's ruler is."),
 )
@@ -187,25 +187,24 @@ def budget_rows(result: CalibrationResult) -> list[tuple[str, list[str]]]:
     """Return each source of uncertainty with the cells of its row, by where the sources count; titles have no cells."""
     rows: list[tuple[str, list[str]]] = []
     for counted, title in BUDGET_PARTS.items():
-        lines = [line for line in result.uncertainty_budget if line.counted_in == counted]
-        rows += [(title, [])] if lines else []
-        for line in lines:
-            size = (line.standard_uncertainty, line.rays_mm_per_unit)
-            both = (line.rays_mm, line.rays_share_percent, line.scale_percent, line.scale_share_percent)
-            written = ["" if each is None else f"{each:.2g}" for each in (*size, *both)]
-            written[0] += "" if line.unit == "1" or not written[0] else f" {line.unit}"
-            rows.append((line.source.label, [line.kind, *written]))
+        rows.append((title, []))
+        for line in (line for line in result.uncertainty_budget if line.counted_in == counted):
+            of_rays = (line.standard_uncertainty, line.rays_mm_per_unit, line.rays_mm, line.rays_share_percent)
+            values = (*of_rays, line.scale_percent, line.scale_share_percent)
+            size, *cells = ("" if value is None else f"{value:.3g}" for value in values)
+            label = SOURCES[line.source].label if line.source in SOURCES else line.source
+            rows.append((label, [line.kind, f"{size} {line.unit}".removesuffix(" 1").strip(), *cells]))
     return rows
 
 
 def budget_notes(result: CalibrationResult, reader: Reader = ENGLISH) -> list[str]:
     """Return sentences on the budget: its kinds, the bounds beside it, and what it is not."""
     rays, scale = result.predicted_ray_error_mm, result.scale_uncertainty_percent or 0.0
-    lines = [line for line in result.uncertainty_budget if line.counted_in == "sum"]
-    values = {"rays": 0.0 if rays is None else rays.upper_95, "scale": scale}
-    values |= {name: math.hypot(*(getattr(line, name) for line in lines)) for name in ("rays_mm", "scale_percent")}
-    written = {name: reader.localised(f"{value:.2g}") for name, value in values.items()}
-    return [reader.words(note) % written for note in BUDGET_NOTES]
+    bounds = {
+        "rays": reader.localised(f"{rays.upper_95 if rays else 0.0:.2g}"),
+        "scale": reader.localised(f"{scale:.2g}"),
+    }
+    return [reader.words(note) % bounds for note in BUDGET_NOTES]
 
 
 def position(pose: PhantomPose) -> str:

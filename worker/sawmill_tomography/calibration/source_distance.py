@@ -9,16 +9,11 @@ from sawmill_tomography.calibration.fit import OnStep, ignore_progress, refine
 from sawmill_tomography.calibration.joint_fit.finding import AdjustedFit
 from sawmill_tomography.calibration.joint_fit.fitter import fit_consistent_views, fit_jointly
 from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit
-from sawmill_tomography.calibration.joint_fit.residual_statistics import (
-    ResidualStatistics,
-    residual_statistics,
-    terms_of_rays,
-)
+from sawmill_tomography.calibration.joint_fit.residual_statistics import ResidualStatistics, residual_statistics
 from sawmill_tomography.calibration.refusals import CalibrationError, refuse_other_scanner
 from sawmill_tomography.calibration.task import CalibrationTask
 from sawmill_tomography.geometry.fit_parameters import FRAME, FitParameter
 from sawmill_tomography.geometry.geometry import SourceFrame
-from sawmill_vocabulary.uncertainty import UncertaintySource
 
 
 @dataclass(frozen=True)
@@ -62,17 +57,14 @@ def with_theta(
         frame.source_distance_mm, held=True, deficit_deviations=_deficit_deviations(task, frame, statistics)
     )
     moved = held.model.x - free.model.x
-    covariance = replace(statistics.covariance, values=statistics.covariance.values + np.outer(moved, moved))
+    by_holding = np.outer(moved, moved)
     of_free, statistics = statistics, residual_statistics(held)
-    blocks = [(of_free, slice(None))]
-    if terms_of_rays(free) != terms_of_rays(held):  # the fits have other places of cells, with errors of their own
-        blocks = [(of_free, FRAME), (statistics, slice(FRAME.stop, None))]
-    parts = {source: np.zeros_like(statistics.ray_covariance) for source in UncertaintySource}
-    for each, block in blocks:
-        for source, part in each.parts.items():
-            parts[source][block, block] = part[block, block]
-    parts[UncertaintySource.HELD][FRAME, FRAME] = np.outer(moved, moved)[FRAME, FRAME]
-    of_rays = np.sum(list(parts.values()), axis=0)
+    # Errors of other places of cells than those of the free fit are those next to a known R.
+    base = of_free if of_free.ray_covariance.shape == statistics.ray_covariance.shape else statistics
+    of_rays = np.zeros_like(base.ray_covariance)
+    of_rays[FRAME, FRAME] = by_holding[FRAME, FRAME]
+    covariance = replace(base.covariance, values=base.covariance.values + by_holding)
+    parts, of_rays = base.parts | {"held-source-distance": of_rays}, base.ray_covariance + of_rays
     return prepared, held, replace(statistics, covariance=covariance, ray_covariance=of_rays, parts=parts), distance
 
 

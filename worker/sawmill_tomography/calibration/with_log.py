@@ -15,7 +15,6 @@ from sawmill_tomography.drift.detector_fit import detector_fit
 from sawmill_tomography.geometry.fit_parameters import FRAME, FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, Theta
 from sawmill_vocabulary import Rotation
-from sawmill_vocabulary.uncertainty import UncertaintySource
 
 POSITION = [FitParameter.T_X, FitParameter.T_Y]
 
@@ -105,8 +104,7 @@ def _error_bars(
         statistics,
         covariance=replace(statistics.covariance, values=values),
         ray_covariance=kept @ statistics.ray_covariance @ kept.T + by_log,
-        parts={source: kept @ part @ kept.T for source, part in statistics.parts.items()}
-        | {UncertaintySource.LOG: by_log},
+        parts={source: kept @ part @ kept.T for source, part in statistics.parts.items()} | {"log": by_log},
         mixture=motions,
     )
     return error_bars(calibration.scanner, frame, theta, with_log, calibration.radius_mm)

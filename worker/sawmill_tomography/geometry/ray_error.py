@@ -225,8 +225,7 @@ class RayErrorPrediction:
     max_mm: float  # standard deviation at the worst point
     upper_95_mm: float  # the RMS ray error stays below this in 95 of 100 cases
     interval_95_mm: tuple[float, float]  # (low, high): the RMS ray error lies in this interval in 95 of 100 cases
-    hidden_mm: float = 0.0  # RMS over the cases of what the alternatives add, and the mixture
-    instead_mm: float = 0.0
+    hidden_mm: float = 0.0  # RMS over the cases of what the alternatives add
 
 
 @dataclass(frozen=True, eq=False)
@@ -304,14 +303,9 @@ def predicted_ray_error(
     moves = _ModuleMoves.of(form, derivative, hidden, distances[:, distances.shape[1] - 2 * len(hidden) :])
     by_hidden = sum((moves.added_squares(each, errors, rng) for each in alternatives), np.zeros(DRAWS))
     squares += by_hidden
-    instead = 0.0 if mixture is None else float(((mixture.errors @ form) * mixture.errors).sum()) / mixture.draws
     low, upper, high = np.sqrt(np.maximum(np.quantile(squares, [0.025, 0.95, 0.975]), 0.0)).tolist()
-    return RayErrorPrediction(
-        *np.sqrt(np.maximum([variance.mean(), variance.max()], 0.0)).tolist(),
-        upper,
-        (low, high),
-        *np.sqrt(np.maximum([by_hidden.mean(), instead], 0.0)).tolist(),
-    )
+    rms, most, hidden = np.sqrt(np.maximum([variance.mean(), variance.max(), by_hidden.mean()], 0.0)).tolist()
+    return RayErrorPrediction(rms, most, upper, (low, high), hidden)
 
 
 def _of_views(

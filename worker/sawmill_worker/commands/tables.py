@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from rich import box
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column, Table
 
 from sawmill_calibration.pictures import report_numbers as numbers
 from sawmill_calibration.scans.pack import ScanPack
@@ -83,12 +83,10 @@ def print_drift(result: DriftResult) -> None:
 
 def print_budget(result: CalibrationResult) -> None:
     """Print the uncertainty budget, and what it is not."""
-    table = Table(title=f"Uncertainty of a calibration with {escape(result.phantom)}", box=box.SIMPLE, padding=0)
-    table.add_column("source", overflow="fold")
-    for column in numbers.BUDGET_COLUMNS:
-        table.add_column(column, justify="right", no_wrap=True)
+    columns = (Column(name, justify="right", no_wrap=True) for name in numbers.BUDGET_COLUMNS)
+    table = Table("source", *columns, title="Uncertainty budget", box=box.SIMPLE, padding=0)
     for label, cells in numbers.budget_rows(result):
-        table.add_row(*((label, *cells) if cells else (f"[bold]{label}[/]",)))
+        table.add_row(label if cells else f"[bold]{label}[/]", *cells)
     console = Console()
     console.print(table)
     for note in numbers.budget_notes(result):

@@ -346,15 +346,14 @@ class ViewGrams:
 
         A random effect with precision L, of which `taken` compensates the columns, scatters it by taken' L taken.
         """
-        every, left = list(columns), np.eye(len(columns))
+        every, left, densities = [*columns], np.eye(len(columns)), np.zeros((0, len(columns)))
         if patches is not None:
-            every, left = [*columns, *self._patches], np.concatenate([left, -patches.taken])
-        sums = left.T @ self._sums_of(every)
+            every, left, densities = [*every, *self._patches], np.concatenate([left, -patches.taken]), patches.taken
+        sums, taken = left.T @ self._sums_of(every), self.of_each_view(every, self._projected)[1] @ left
         scatter: FloatArray = (sums * self.stripe_shares * (1.0 - self.stripe_shares * self._count)) @ sums.T
-        if self._projected:
-            taken = self.of_each_view(every, self._projected)[1] @ left
-            scatter += np.einsum("vin,vij,vjm->nm", taken, self._precision, taken, optimize=True)
-        return scatter if patches is None else scatter + self._density_precision * patches.taken.T @ patches.taken
+        scatter += np.einsum("vin,vij,vjm->nm", taken, self._precision, taken, optimize=True)
+        scatter += self._density_precision * densities.T @ densities
+        return scatter
 
     def _densities_alone(self, whole: "System") -> tuple[FloatArray, FloatArray]:
         """Return the inverse normal matrix and the score of the densities, the last columns, with their prior."""

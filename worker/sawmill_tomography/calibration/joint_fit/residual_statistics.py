@@ -22,7 +22,6 @@ from sawmill_tomography.geometry.ray_error import (
     ViewErrors,
     predicted_ray_error,
 )
-from sawmill_vocabulary.uncertainty import UncertaintySource
 
 # The estimated inflation scatters for white noise too: within this number of standard deviations it counts as 1.
 WHITE = 3.0
@@ -48,7 +47,7 @@ class ResidualStatistics:
 
     covariance: Covariance  # covariance of the seven unknowns, inflated by what the residual has beyond white noise
     ray_covariance: FloatArray  # (5 + 2 modules, 5 + 2 modules), with the places of cells where they are fitted
-    parts: dict[UncertaintySource, FloatArray]  # by source, they add up to `ray_covariance`
+    parts: dict[str, FloatArray]  # by the names of `SOURCES`, which add up to `ray_covariance`
     hidden_modules: tuple[RayAlternatives, ...]
     mixture: RayErrorMixture | None  # all that may be real instead of what was fitted
     further_mm: float  # RMS ray error by what the detector's cells have beyond the waves that are fitted
@@ -106,14 +105,14 @@ def residual_statistics(joint: JointFit) -> ResidualStatistics:
         inflation = max(inflation, shared)
         structured = inflation > 1.0 or slow > 1.0 + WHITE * math.sqrt(1.0 / (number * unknowns))
         of_free = plain * inflation
-        parts[UncertaintySource.WITHIN_VIEWS] = plain * (inflation - 1.0)
+        parts["misfit-within-views"] = plain * (inflation - 1.0)
         if structured:
             back = (waves @ scores.unscale.T)[:, own] * STUDENT[number - 1]
-            parts[UncertaintySource.BETWEEN_VIEWS] = np.real(back.conj().T @ back) / number
-            of_free = of_free + parts[UncertaintySource.BETWEEN_VIEWS]
+            parts["misfit-between-views"] = np.real(back.conj().T @ back) / number
+            of_free = of_free + parts["misfit-between-views"]
     if joint.biases:
-        parts[UncertaintySource.DECLINED] = np.sum([np.outer(bias[own], bias[own]) for bias in joint.biases], axis=0)
-        of_free = of_free + parts[UncertaintySource.DECLINED]
+        parts["effects-switched-off"] = np.sum([np.outer(bias[own], bias[own]) for bias in joint.biases], axis=0)
+        of_free = of_free + parts["effects-switched-off"]
     values, names = np.zeros((len(FitParameter), len(FitParameter))), list(free)
     values[np.ix_(names, names)] = of_free[:count, :count]
     unknown = frozenset(p for p in free if not values[p, p] > 0.0)
@@ -129,13 +128,13 @@ def residual_statistics(joint: JointFit) -> ResidualStatistics:
     )
 
 
-def _plain_parts(joint: JointFit) -> dict[UncertaintySource, FloatArray]:
+def _plain_parts(joint: JointFit) -> dict[str, FloatArray]:
     """Divide the covariance (used, used) for white noise by sources: noise, random effects, and sizes of effects."""
     used, system, patches = joint.used, joint.system, joint.system.patches
     of_used = None if patches is None else replace(patches, taken=patches.taken[:, used])
     scatter = system.source.scatter([system.columns[place] for place in used], of_used) + np.diag(joint.precision)
     inverse, normal = system.inverse(used), system.normal[np.ix_(used, used)]
-    of_sources = {UncertaintySource.NOISE: normal - scatter, UncertaintySource.SCATTER: scatter}
+    of_sources = {"noise": normal - scatter, "scatter": scatter}
     return {source: joint.variance * inverse @ part @ inverse for source, part in of_sources.items()}
 
 
@@ -144,8 +143,8 @@ def _of_rays(
     names: Sequence[int | None],
     own: Sequence[int],
     covariance: FloatArray,
-    parts: dict[UncertaintySource, FloatArray],
-) -> tuple[FloatArray, dict[UncertaintySource, FloatArray], tuple[RayAlternatives, ...], RayErrorMixture | None]:
+    parts: dict[str, FloatArray],
+) -> tuple[FloatArray, dict[str, FloatArray], tuple[RayAlternatives, ...], RayErrorMixture | None]:
     """Return `ray_covariance`, `parts`, `hidden_modules` and `mixture` from the covariance of the columns `own`."""
     order = terms_of_rays(joint)
     kept = [n for n, name in enumerate(names) if name in order]
