@@ -10,8 +10,15 @@ from sawmill_worker.commands import options as shared
 from sawmill_worker.commands.terminal import Command, answering, say
 
 app = typer.Typer()
-_HELP = "A calibration's result.h5, or its RESULT.json, which has no pictures of the scan."
-ResultFile = Annotated[Path, typer.Argument(metavar="RESULT", exists=True, dir_okay=False, help=_HELP)]
+ResultFile = Annotated[
+    Path,
+    typer.Argument(
+        metavar="RESULT",
+        exists=True,
+        dir_okay=False,
+        help="A calibration's result.h5, or its RESULT.json, which has no pictures of the scan.",
+    ),
+]
 
 
 @app.command(cls=Command)

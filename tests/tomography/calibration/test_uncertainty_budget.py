@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from exact_chords import full_turn
 
 from sawmill_tomography.calibration.calibrate import calibrate
 from sawmill_tomography.calibration.task import CalibrationTask
@@ -17,22 +18,16 @@ from sawmill_tomography.projection.analytic import DetectorCells
 from sawmill_vocabulary import Adjustment, Disc, Handedness, Rotation
 
 NOISE_MM, SCANNER, FRAME = 2.0, Scanner(859.46, 256, 4.5), SourceFrame(0.3, 880.0, 1600.0, -30.0, -0.08)
-KNOWN = {"handedness": Handedness.AS_DRAWN, "rotation": Rotation.AS_GIVEN}
 
 
-@pytest.fixture
-def calibrated(full_turn):
+def calibrated(seed=2201, *, seen=L_SHAPE, slip_mm=0.0, views=40, without=(), **scanner):
     """Calibrate a scan with noise of its own, of the drawing or of another phantom, which may slip."""
-
-    def found(seed=2201, *, seen=L_SHAPE, slip_mm=0.0, views=40, without=(), **scanner):
-        angles, positions = full_turn(views), np.zeros((views, 2))
-        positions[views // 2 :, 0] = slip_mm
-        clean = analytic.project(seen, DetectorCells.of(SCANNER), FRAME, angles, position_mm=positions)
-        lines = clean + NOISE_MM * np.random.default_rng(seed).standard_normal(clean.shape)
-        task = CalibrationTask(replace(SCANNER, **scanner), L_SHAPE, lines, angles, without=frozenset(without), **KNOWN)
-        return calibrate(task)
-
-    return found
+    angles, positions = full_turn(views), np.zeros((views, 2))
+    positions[views // 2 :, 0] = slip_mm
+    clean = analytic.project(seen, DetectorCells.of(SCANNER), FRAME, angles, position_mm=positions)
+    lines = clean + NOISE_MM * np.random.default_rng(seed).standard_normal(clean.shape)
+    known = {"handedness": Handedness.AS_DRAWN, "rotation": Rotation.AS_GIVEN, "without": frozenset(without)}
+    return calibrate(CalibrationTask(replace(SCANNER, **scanner), L_SHAPE, lines, angles, **known))
 
 
 def lines_of(found):
@@ -46,7 +41,7 @@ CASES["effects-switched-off"] = {"slip_mm": 2.0, "without": [Adjustment.SLIP]}
 
 @pytest.mark.slow
 @pytest.mark.parametrize("source", CASES)
-def test_the_lines_add_up_to_the_covariance(calibrated, source):
+def test_the_lines_add_up_to_the_covariance(source):
     found = calibrated(**CASES[source])
     lines, predicted, scale = lines_of(found), found.findings.error_bars.predicted_ray_error, found.findings.scale
     summed = [line for line in lines.values() if line.counted_in == "sum"]
@@ -60,7 +55,7 @@ def test_the_lines_add_up_to_the_covariance(calibrated, source):
 
 
 @pytest.mark.slow
-def test_what_is_assumed_does_what_its_line_says(calibrated):
+def test_what_is_assumed_does_what_its_line_says():
     """Wider cells and another r_S leave the rays; 1 % of moisture changes the scale alone."""
     found = calibrated()
     lines, vector = lines_of(found), to_vector(found.frame)
@@ -74,14 +69,14 @@ def test_what_is_assumed_does_what_its_line_says(calibrated):
 
 
 @pytest.mark.slow
-def test_where_r_is_held_the_stated_source_distance_moves_the_rays_as_its_line_says(calibrated):
+def test_where_r_is_held_the_stated_source_distance_moves_the_rays_as_its_line_says():
     held, farther = (calibrated(source_to_cor_mm=r_s) for r_s in (882.0, 883.0))
     moved_mm = ray_error(SCANNER, held.frame, farther.frame).rms_mm
     assert lines_of(held)["source-distance"].rays_mm == pytest.approx(moved_mm, rel=0.15)
 
 
 @pytest.mark.nightly
-def test_scans_with_other_noise_scatter_as_the_line_of_noise_says(calibrated):
+def test_scans_with_other_noise_scatter_as_the_line_of_noise_says():
     """100 scans know the RMS of about two independent errors to 5 %."""
     found = [calibrated(seed, views=90) for seed in range(2300, 2400)]
     seen = np.cov([to_vector(each.frame) for each in found], rowvar=False)

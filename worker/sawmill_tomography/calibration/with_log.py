@@ -90,9 +90,8 @@ def _error_bars(
     calibration: CalibrationOutcome, alone: ErrorBars, frame: SourceFrame, theta: Theta, witness: LogWitness
 ) -> ErrorBars:
     statistics, before, values = alone.statistics, alone.covariance.values, witness.covariance
-    kept = np.eye(len(statistics.ray_covariance))
+    kept, by_log = np.eye(len(statistics.ray_covariance)), np.zeros_like(statistics.ray_covariance)
     kept[FRAME, FRAME] = witness.kept
-    by_log = np.zeros_like(kept)
     by_log[FRAME, FRAME] = values - witness.kept @ before @ witness.kept.T
     motions = statistics.mixture
     if motions is not None and not np.array_equal(values, before):

@@ -350,10 +350,9 @@ class ViewGrams:
         if patches is not None:
             every, left, densities = [*every, *self._patches], np.concatenate([left, -patches.taken]), patches.taken
         sums, taken = left.T @ self._sums_of(every), self.of_each_view(every, self._projected)[1] @ left
-        scatter: FloatArray = (sums * self.stripe_shares * (1.0 - self.stripe_shares * self._count)) @ sums.T
-        scatter += np.einsum("vin,vij,vjm->nm", taken, self._precision, taken, optimize=True)
-        scatter += self._density_precision * densities.T @ densities
-        return scatter
+        by_cells = (sums * self.stripe_shares * (1.0 - self.stripe_shares * self._count)) @ sums.T
+        by_cells += self._density_precision * densities.T @ densities
+        return np.asarray(by_cells + np.einsum("vin,vij,vjm->nm", taken, self._precision, taken, optimize=True))
 
     def _densities_alone(self, whole: "System") -> tuple[FloatArray, FloatArray]:
         """Return the inverse normal matrix and the score of the densities, the last columns, with their prior."""
