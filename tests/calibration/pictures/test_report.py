@@ -192,7 +192,7 @@ def test_the_third_part_has_the_uncertainty_budget_and_what_it_is_not():
     assert "noise of the samples A 0.5 0.06 0.03 36 0.03 100" in shown.text
     assert "moisture since the phantom was measured B 0.5 % 0 0 0.125" in shown.text
     assert "of a later version B 0.1 0" in shown.text
-    assert "rays 0.04 mm, by draws; scale 0.3 %" in shown.text
+    assert "the sum is 0.02 mm; the 95 % bound is 0.04 mm, by draws" in shown.text
     assert "The phantom's ruler: x 99.8 ± 0.05 mm (2026-11-20)" in shown.text
     words = {"noise of the samples": "kohina"}
     finnish = Reader(lambda text: words.get(text, text), lambda value, _: f"{value:.1f}".replace(".", ","), "fi")

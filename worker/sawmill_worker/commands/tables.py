@@ -86,11 +86,9 @@ def print_budget(result: CalibrationResult) -> None:
     columns = (Column(name, justify="right", no_wrap=True) for name in numbers.BUDGET_COLUMNS)
     table = Table("source", *columns, title="Uncertainty budget", box=box.SIMPLE, padding=0)
     for label, cells in numbers.budget_rows(result):
-        table.add_row(label if cells else f"[bold]{label}[/]", *cells)
-    console = Console()
-    console.print(table)
-    for note in numbers.budget_notes(result):
-        console.print(f"- {note}", highlight=False, markup=False)
+        table.add_row(escape(label) if cells else f"[bold]{label}[/]", *cells)
+    notes = (f"- {note}" for note in numbers.budget_notes(result))
+    Console().print(table, *notes, sep="\n", highlight=False)
 
 
 def print_repeatability(result: RepeatabilityResult) -> None:
