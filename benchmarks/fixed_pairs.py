@@ -29,7 +29,7 @@ from sawmill_tomography.pairs.ray_errors import PairRays, pair_ray_error
 from sawmill_tomography.phantoms.built_in import L_SHAPE
 from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM
 from sawmill_tomography.phantoms.phantom import Phantom, Polygon
-from sawmill_tomography.physics.passages import PassedPair, Passage, simulate_passages
+from sawmill_tomography.physics.passages import Passage, PassedPair, simulate_passages
 from sawmill_tomography.projection.analytic import DetectorCells
 from sawmill_vocabulary import CellOrder, FixedPair, PairedScanner, SourceFrame
 from sawmill_vocabulary.physics import BeamEffects, DetectorEffects, Physics, WoodEffects

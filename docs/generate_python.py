@@ -50,7 +50,7 @@ scan = sawmill.simulate_phantom_scan("l-shape", scanner, theta, views=90, noise=
 calibration = sawmill.calibrate(scan, "l-shape")
 print(calibration)  # the verdict, the bound of the ray error, and theta
 calibration.save("RESULT.json")
-calibration.report("report.html")  # prints on two pages of A4
+calibration.report("report.html")  # prints on A4
 
 log = sawmill.simulate_log_scan(scanner, theta, views=120, rows=2, row_pitch_mm=50.0)
 volume = sawmill.reconstruct(log, calibration, size=128).volume  # (slices, x, y)

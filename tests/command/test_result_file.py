@@ -133,7 +133,7 @@ def hdf5(tmp_path, answer, **changes):
 def test_a_report_of_result_h5_has_the_pictures_and_the_day(run, answer, tmp_path):
     path = hdf5(tmp_path, answer)
     done = run("report", path, "-o", tmp_path / "report.html")
-    assert "a report of two pages" in done.stderr
+    assert "a report to print" in done.stderr
     assert done.stdout == ""
     html = (tmp_path / "report.html").read_text()
     assert html.count("data:image/svg+xml;base64,") == 3
@@ -141,6 +141,19 @@ def test_a_report_of_result_h5_has_the_pictures_and_the_day(run, answer, tmp_pat
     with h5py.File(path) as file:
         year = file["entry/start_time"][()][:4].decode()
     assert f"<dt>Made</dt><dd>{year}-" in html
+
+
+def test_the_budget_of_either_file_is_the_same(run, result_file, result_hdf5, answer, tmp_path):
+    printed = run("budget", result_hdf5).stdout
+    assert printed == run("budget", result_file).stdout
+    noise = next(
+        line for line in json.loads(result_file.read_text())["uncertainty_budget"] if line["source"] == "noise"
+    )
+    assert noise["rays_mm_per_unit"] * noise["standard_uncertainty"] == pytest.approx(noise["rays_mm"])
+    assert f"{noise['rays_mm']:.3g}" in next(line for line in printed.splitlines() if "noise of the samples" in line)
+    assert "no accreditation" in printed
+    (tmp_path / "earlier.json").write_text(CalibrationFile.of(answer).model_dump_json())
+    assert "no uncertainty budget" in run("budget", tmp_path / "earlier.json", code=1).stderr
 
 
 @pytest.mark.parametrize("beside", [{}, {"scan_id": "monday", "created_at": "2026-11-22T16:44:00+00:00"}])

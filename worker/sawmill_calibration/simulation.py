@@ -20,8 +20,8 @@ from sawmill_formats.output.scan_writer import new_scan, write_raw_scan
 from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, FloatArray, SourceFrame, to_vector
 from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM, log_slices
 from sawmill_tomography.phantoms.phantom import Phantom
-from sawmill_tomography.projection.simulate import UNEQUAL_CELLS, SimulatedStack, simulate_rows, simulate_stack
 from sawmill_tomography.physics.passages import Passage, simulate_passages
+from sawmill_tomography.projection.simulate import UNEQUAL_CELLS, SimulatedStack, simulate_rows, simulate_stack
 from sawmill_vocabulary import DataKind, Handedness, PairedScanner, Rotation, Scanner, Theta
 from sawmill_vocabulary.physics import Physics
 
@@ -151,7 +151,9 @@ def random_passages(count: int, seed: int) -> list[Passage]:
         apart = np.abs(np.angle(np.exp(1j * (rolls[:, None] - rolls)))) + APART_RAD * np.eye(count)
         if (apart >= min(APART_RAD, TAU / (2 * count))).all():
             break
-    drawn = zip(rng.uniform(-PLACE_MM, PLACE_MM, (count, 2)), rolls, SLOPE * rng.standard_normal((count, 2)), strict=True)
+    drawn = zip(
+        rng.uniform(-PLACE_MM, PLACE_MM, (count, 2)), rolls, SLOPE * rng.standard_normal((count, 2)), strict=True
+    )
     return [
         Passage((float(x), float(y)), float(roll), (float(dx), float(dy)), float(TWIST * rng.standard_normal()))
         for (x, y), roll, (dx, dy) in drawn
@@ -178,7 +180,9 @@ def write_passages(
     """
     rng = np.random.default_rng((seed, passages))
     spread = off_mm * np.array([math.radians(0.1), 1.0, 1.0, 1.0, math.radians(0.1)])
-    frames = [SourceFrame.from_vector(to_vector(pair.frame) + spread * rng.standard_normal(5)) for pair in scanner.pairs]
+    frames = [
+        SourceFrame.from_vector(to_vector(pair.frame) + spread * rng.standard_normal(5)) for pair in scanner.pairs
+    ]
     drawn = body.moved(*(-value for value in body.centroid_mm))
     passed = simulate_passages(
         drawn,

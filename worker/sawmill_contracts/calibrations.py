@@ -51,6 +51,7 @@ from sawmill_vocabulary import (
 )
 from sawmill_vocabulary.messages import N_
 from sawmill_vocabulary.scattered_radiation import BeamCorrection, BeamHardening, ScatteredRadiation
+from sawmill_vocabulary.uncertainty import BudgetLine
 
 
 class PaperOptions(Contract):
@@ -437,6 +438,11 @@ class Accuracy(Contract):
     )
     predicted_ray_error_mm: PredictedRayError | None = Field(
         description="Predicted ray error. Null without error bars."
+    )
+
+    uncertainty_budget: list[BudgetLine] = Field(
+        [],
+        description="Sources of the uncertainty. Empty: no error bars, or an answer of an earlier version.",
     )
 
     @property

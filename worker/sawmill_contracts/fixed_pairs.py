@@ -72,4 +72,3 @@ class FixedPairsResult(Contract):
     log_radius_mm: float = Field(description="Radius of the disc in which ray errors count, mm.")
     phantom: str = Field(description="Name of the drawing.")
     options: FixedPairsOptions = Field(description="The options.")
-

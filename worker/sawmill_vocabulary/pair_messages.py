@@ -61,7 +61,9 @@ class PairMessage(Message):
     )
     SCALE = (
         "pairs-scale",
-        N_("Sizes are not certain enough: they may be wrong by %(percent).2g %%, and %(allowed_percent).2g %% is allowed."),
+        N_(
+            "Sizes are not certain enough: they may be wrong by %(percent).2g %%, and %(allowed_percent).2g %% is allowed."
+        ),
         N_("Measure the board, and give its size with its tolerance."),
         "",
     )

@@ -20,4 +20,8 @@ COMMANDS = {
         "compile",
         "phantom",
     )
-} | {"image-quality": f"{__name__}.reconstruct", "calibrate-pairs": f"{__name__}.calibrate_pairs"}
+} | {
+    "budget": f"{__name__}.report",
+    "image-quality": f"{__name__}.reconstruct",
+    "calibrate-pairs": f"{__name__}.calibrate_pairs",
+}

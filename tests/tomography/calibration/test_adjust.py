@@ -175,10 +175,10 @@ def test_blur_widens_the_residual_and_its_model_brings_noise_back(clean, angles)
     _, found = off_mm(measured, angles)
     spread = 0.01 * np.sqrt(np.mean(clean**2))
     assert sharp.findings.fit.residual_rms > 1.2 * spread
-    assert sharp.findings.error_bars.inflation > 5.0
+    assert sharp.findings.error_bars.statistics.inflation > 5.0
     # A dozen terms are fitted to 46 080 samples.
     assert found.findings.fit.residual_rms == pytest.approx(spread, rel=0.03)
-    assert found.findings.error_bars.inflation < 1.5
+    assert found.findings.error_bars.statistics.inflation < 1.5
     predicted, without = (each.findings.error_bars.predicted_ray_error for each in (found, sharp))
     assert predicted.rms_mm < 0.2 * without.rms_mm
     assert any("at the phantom's edges" in reason for reason in sharp.judgement.reasons)

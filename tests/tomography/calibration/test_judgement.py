@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -5,7 +7,7 @@ from sawmill_tomography.calibration.alternatives import Alternatives, Hypothesis
 from sawmill_tomography.calibration.covariance import Covariance
 from sawmill_tomography.calibration.fit import Fit
 from sawmill_tomography.calibration.joint_fit.residual_analysis import FoundEffect, ResidualAnalysis
-from sawmill_tomography.calibration.joint_fit.residual_statistics import ErrorBars
+from sawmill_tomography.calibration.joint_fit.residual_statistics import ErrorBars, ResidualStatistics
 from sawmill_tomography.calibration.joint_fit.structure import ResidualPlace, Structure
 from sawmill_tomography.calibration.judgement import Degree, Evidence, JudgementLimits, implausible, judge
 from sawmill_tomography.calibration.scale import ScaleUncertainty
@@ -38,17 +40,8 @@ def predicted(upper_95_mm, rms_mm=None):
     return RayErrorPrediction(rms_mm, 2.0 * rms_mm, upper_95_mm, (0.5 * rms_mm, 1.1 * upper_95_mm))
 
 
-ERROR_BARS = {
-    "covariance": Covariance(np.eye(5)),
-    "ray_covariance": np.eye(5),
-    "hidden_modules": (),
-    "mixture": None,
-    "theta_covariance": None,
-    "predicted_ray_error": predicted(0.04),
-    "inflation": 1.0,
-    "deviation_ratio": 1.0,
-    "source_shift_resolved": True,
-}
+STATISTICS = ResidualStatistics(Covariance(np.eye(7)), np.eye(5), {}, (), None, 0.0, 0.01, 1.0, 1.0, structured=False)
+ERROR_BARS = {"statistics": STATISTICS, "theta_covariance": np.eye(5), "predicted_ray_error": predicted(0.04)}
 
 
 def evidence_of(*, fit=None, bars=None, hypotheses=None, turned=None, inflation=1.0, **changes):
@@ -193,12 +186,12 @@ def test_saturation_is_the_first_reason_where_the_rays_fail(verdict_of):
 
 def test_more_views_are_the_cure_only_where_noise_is_the_cause(verdict_of):
     assert "Use more views" in verdict_of(bars={"predicted_ray_error": predicted(0.2)})[1][0]
-    of_the_model = {"bars": {"predicted_ray_error": predicted(0.2), "deviation_ratio": 5.0}}
-    found = verdict_of(**of_the_model, residual=ResidualAnalysis(structure=Structure(0.01, ResidualPlace.EDGES)))[1]
+    of_the_model = {"predicted_ray_error": predicted(0.2), "statistics": replace(STATISTICS, deviation_ratio=5.0)}
+    found = verdict_of(bars=of_the_model, residual=ResidualAnalysis(structure=Structure(0.01, ResidualPlace.EDGES)))[1]
     assert "as the other reasons state; more views alone will not help" in found[0]
     assert "at the phantom's edges" in found[1]
     # Where there is no other reason, none is referred to.
-    assert "other reasons" not in verdict_of(**of_the_model)[1][0]
+    assert "other reasons" not in verdict_of(bars=of_the_model)[1][0]
 
 
 def test_a_hypothesis_hardly_better_than_the_next_is_watched(verdict_of):
@@ -280,7 +273,7 @@ def test_the_worst_comes_first(verdict_of):
 
 
 def test_an_unresolved_source_shift_is_reported_and_still_passes(verdict_of):
-    found, reasons = verdict_of(bars={"source_shift_resolved": False})
+    found, reasons = verdict_of(bars={"theta_covariance": None})
     assert found == "pass"
     assert "not resolved from 0" in reasons[0]
 

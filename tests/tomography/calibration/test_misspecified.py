@@ -83,5 +83,5 @@ def test_a_coarse_picture_is_reported_and_its_pixels_are_the_size_s_uncertainty(
 
 def test_a_sound_scan_s_error_bars_are_those_of_its_noise():
     _, found = calibrated(L_SHAPE, L_SHAPE, 1280)
-    assert found.findings.error_bars.inflation == 1.0
+    assert found.findings.error_bars.statistics.inflation == 1.0
     assert found.judgement.reasons == ()

@@ -12,6 +12,7 @@ from sawmill_tomography.calibration.calibrate import calibrate
 from sawmill_tomography.calibration.calibration import CalibratedGeometry
 from sawmill_tomography.calibration.comparison import ChangeLimits, compare
 from sawmill_tomography.calibration.joint_fit.wood_patches import wood_patches
+from sawmill_tomography.calibration.uncertainty_budget import uncertainty_budget
 from sawmill_tomography.drift.change import DriftError
 from sawmill_tomography.drift.detector_fit import detector_fit
 from sawmill_tomography.phantoms.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
@@ -42,7 +43,8 @@ def test_each_view_stands_elsewhere_and_the_rays_are_right(phantom, views, shift
     found = calibrate(made.task)
     bars = found.findings.error_bars
     assert made.error_mm(found) < bars.predicted_ray_error.upper_95_mm < 0.1
-    assert bars.inflation == pytest.approx(1.0, abs=0.3), "no view is far from its pose"
+    assert bars.statistics.inflation == pytest.approx(1.0, abs=0.3), "no view is far from its pose"
+    assert uncertainty_budget(found)[0].rays_mm == bars.predicted_ray_error.rms_mm, "poses and geometry in one line"
     assert found.judgement.rays_verdict == "pass"
     elsewhere = next(each for each in found.adjustments if "each-view-elsewhere" in each.codes)
     values = elsewhere.parts[0].values

@@ -1,5 +1,6 @@
 """The log beside the phantom, in counts with ten flats: agreement, a phantom that slips, a log that slips."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from sawmill_tomography.calibration.calibrate import calibrate
 from sawmill_tomography.calibration.second_witness import LogAnswer, compare_witnesses
 from sawmill_tomography.calibration.task import CalibrationTask
+from sawmill_tomography.calibration.uncertainty_budget import uncertainty_budget
 from sawmill_tomography.calibration.with_log import with_log
 from sawmill_tomography.drift.change import LogMovement
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, Scanner, Theta, to_vector
@@ -57,6 +59,10 @@ def test_two_that_agree_are_combined(full_turn):
     assert witness.agreement is Agreement.AGREE
     assert (witness.moved, witness.taken) == (None, "both")
     assert heard.findings.error_bars.predicted_ray_error.rms_mm <= alone.findings.error_bars.predicted_ray_error.rms_mm
+    summed = [line for line in uncertainty_budget(heard) if line.counted_in == "sum"]
+    rms_mm = heard.findings.error_bars.predicted_ray_error.rms_mm
+    assert math.hypot(*(line.rays_mm for line in summed)) == pytest.approx(rms_mm, rel=1e-6)
+    assert "log" in {line.source for line in summed}
     # The log adds little to a good phantom; it may not harm it by more than its noise.
     assert off(heard) < off(alone) + 0.003
     assert heard.judgement.verdict == alone.judgement.verdict

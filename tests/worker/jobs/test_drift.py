@@ -138,9 +138,7 @@ def test_the_job_answers_with_what_moved(asked, turn, finish, store):
     assert stored == result.ended(stored.at)
 
 
-def test_a_scanner_starts_from_an_imported_geometry_and_its_checks_have_no_verdict(
-    store, send, ingest, attempt, turn
-):
+def test_a_scanner_starts_from_an_imported_geometry_and_its_checks_have_no_verdict(store, send, ingest, attempt, turn):
     spec = ScannerSpec(name="Line 2", constants=CONSTANTS, imported_theta=vars(THETA), rotation="reversed")
     store.scanners.update("line-2", spec)
     stack = np.flip(log_scan(turn, TURNTABLE), 0)[:, None]

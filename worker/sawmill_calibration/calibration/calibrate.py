@@ -23,6 +23,7 @@ from sawmill_tomography.calibration.recalling import Evaluations, RecallingObjec
 from sawmill_tomography.calibration.refusals import CalibrationError
 from sawmill_tomography.calibration.search.search import SearchCallback
 from sawmill_tomography.calibration.task import CalibrationTask
+from sawmill_tomography.calibration.uncertainty_budget import uncertainty_budget
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.sinograms.present_rows import mean_of_rows
 from sawmill_vocabulary import Adjustment, CalibrationMethod, Progress, ProgressCallback, ThetaBounds
@@ -271,6 +272,7 @@ def calibration_result(
         scale_uncertainty_mm=findings.scale.source_distance_mm,
         scale_ray_error_mm=findings.scale.ray_error_mm,
         scale_uncertainty_percent=findings.scale.percent_95,
+        uncertainty_budget=uncertainty_budget(calibration),
         handedness=calibration.handedness,
         rotation=calibration.rotation,
         hypotheses=_hypotheses(findings.alternatives),

@@ -70,7 +70,9 @@ def calibrate_fixed_pairs(
     drawing = phantom if isinstance(phantom, PhantomDrawing) else drawing_of(phantom)
     chosen = options or FixedPairsOptions()
     if len(scans) != len(given.pairs):
-        raise refused("fixed-pairs", f"the scanner has {len(given.pairs)} pairs: give a file for each, not {len(scans)}")
+        raise refused(
+            "fixed-pairs", f"the scanner has {len(given.pairs)} pairs: give a file for each, not {len(scans)}"
+        )
     board = to_phantom(drawing)
     stacks, ranges = [], []
     with input_errors_translated(), ExitStack() as files:
@@ -121,7 +123,7 @@ def board_rows(stack: NDArray[np.float32]) -> slice:
     shown = [run for run in segments(stack) if depth[run].mean() > LEAST_SHADOW * float(np.nanmax(depth))]
     run = shown[0]
     inner = slice(run.start + 1, run.stop - 1)
-    return inner if run.stop - run.start > 2 + FEWEST * GROUPS and len(shown) else run
+    return inner if run.stop - run.start > 2 + FEWEST * GROUPS and shown else run
 
 
 def _data_of(
@@ -170,12 +172,9 @@ def _pair(pair: FoundPair) -> CalibratedPair:
     names = [name for name in SourceFrameDeviation.model_fields if name != "magnification"]
     return CalibratedPair(
         source_frame=ReportedSourceFrame(**vars(pair.frame)),
-        standard_deviation=SourceFrameDeviation(
-            **dict(zip(names, pair.deviations, strict=True)), magnification=None
-        ),
+        standard_deviation=SourceFrameDeviation(**dict(zip(names, pair.deviations, strict=True)), magnification=None),
         predicted_rms_mm=pair.rays.rms_mm,
         upper_95_mm=pair.rays.upper_95_mm,
         cell_order=pair.cell_order,
         order_deviations=pair.order_deviations,
     )
-

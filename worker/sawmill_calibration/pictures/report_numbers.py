@@ -11,6 +11,7 @@ from sawmill_contracts.calibrations import CalibrationResult, Comparison, FoundG
 from sawmill_contracts.phantoms import PhantomDrawing, SizeMeasurement
 from sawmill_vocabulary import Shape, Theta
 from sawmill_vocabulary.messages import ENGLISH, N_, Reader
+from sawmill_vocabulary.uncertainty import SOURCES
 
 NOT_KNOWN = N_("not known")
 FRAME_SYMBOLS = ("psi", "R", "SDD", "u_c", "tau")
@@ -29,6 +30,15 @@ class ReportedParameter:
 
 
 Row = tuple[str, str]
+BUDGET_COLUMNS = (N_("kind"), N_("std. unc."), N_("mm / unit"), N_("rays, mm"), "%", N_("scale, %"), "%")
+BUDGET_PARTS = {"sum": N_("added up"), "bound": N_("in the bounds alone"), "neither": N_("assumed, in no other number")}
+BUDGET_NOTES = (
+    N_("A: from the scan's own scatter. B: from other knowledge. Noise, scatter and misfit are line integrals."),
+    N_("Rays: the sum is %(rms)s mm; the 95 %% bound is %(bound)s mm, by draws from all that counts."),
+    N_("Scale: the 95 %% bound is %(scale)s %%, 1.96 times the sum, and the whole aspect."),
+    N_("Another distance of the cells changes SDD and u_c alone. Another r_S changes h_S alone, unless R was held."),
+    N_("This is no accreditation and no certificate. Millimetres are traceable as far as the phantom's ruler is."),
+)
 
 
 def moment(time: datetime) -> str:
@@ -172,6 +182,32 @@ def witness_rows(witness: LogCheck) -> list[tuple[str, str, str]]:
         column = f"{value.cor_column_mm:.3f} mm {_plus_minus(spread.cor_column_mm, 'mm')}"
         rows.append((part, column, f"{math.degrees(value.tilt_rad):.4f}° {_plus_minus_degrees(spread.tilt_rad)}"))
     return rows
+
+
+def budget_rows(result: CalibrationResult) -> list[tuple[str, list[str]]]:
+    """Return each source of uncertainty with the cells of its row, by where the sources count; titles have no cells."""
+    rows: list[tuple[str, list[str]]] = []
+    for counted, title in BUDGET_PARTS.items():
+        rows.append((title, []))
+        for line in (line for line in result.uncertainty_budget if line.counted_in == counted):
+            of_rays = (line.standard_uncertainty, line.rays_mm_per_unit, line.rays_mm, line.rays_share_percent)
+            values = (*of_rays, line.scale_percent, line.scale_share_percent)
+            size, *cells = map(_three_digits, values)
+            label = SOURCES[line.source].label if line.source in SOURCES else line.source
+            rows.append((label, [line.kind, f"{size} {line.unit}".removesuffix(" 1").strip(), *cells]))
+    return rows
+
+
+def budget_notes(result: CalibrationResult, reader: Reader = ENGLISH) -> list[str]:
+    """Return sentences on the budget: its kinds, the bounds beside it, and what it is not."""
+    error, scale = result.predicted_ray_error_mm, result.scale_uncertainty_percent
+    values = {"rms": error.rms if error else None, "bound": error.upper_95 if error else None, "scale": scale}
+    written = {name: reader.localised(_three_digits(value)) for name, value in values.items()}
+    return [reader.words(note) % written for note in BUDGET_NOTES]
+
+
+def _three_digits(value: float | None) -> str:
+    return "" if value is None else f"{value:.3g}" if value >= 1e-4 or value == 0.0 else "< 0.0001"
 
 
 def position(pose: PhantomPose) -> str:

@@ -265,7 +265,9 @@ def check_scan(scan: CanonicalScan) -> None:
     """Refuse a scan whose parts do not agree, with one sentence that names the first thing wrong."""
     _check_shapes(scan)
     plausible.check_angles(np.rad2deg(scan.angles_rad))
-    standing = scan.turns & (np.abs(np.remainder(np.diff(scan.angles_rad) + np.pi, 2 * np.pi) - np.pi) < SAME_DIRECTION_RAD)
+    standing = scan.turns & (
+        np.abs(np.remainder(np.diff(scan.angles_rad) + np.pi, 2 * np.pi) - np.pi) < SAME_DIRECTION_RAD
+    )
     if standing.any():
         view = int(np.argmax(standing))
         raise UnreadableScan(

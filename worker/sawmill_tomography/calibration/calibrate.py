@@ -88,7 +88,7 @@ def conclude(
     analysis = analyse_residual(joint, statistics, task.scanner, radius_mm)
     theta, twin = choose_theta(task.scanner, frame, task.bounds)
     bars = error_bars(task.scanner, frame, theta, statistics, radius_mm, view_errors(joint, statistics))
-    alternatives = alternatives_of(ranked, task.sinogram.size / bars.inflation)
+    alternatives = alternatives_of(ranked, task.sinogram.size / bars.statistics.inflation)
     scale = scale_uncertainty(
         task.scanner, frame, task.phantom, bars.covariance.values, radius_mm, aspect_half=_aspect_half(task, joint)
     )

@@ -271,7 +271,7 @@ def _precision(evidence: Evidence, limits: JudgementLimits) -> Iterator[Remark]:
     predicted, tolerance_mm = evidence.error_bars.predicted_ray_error, limits.tolerance_mm
     if predicted.upper_95_mm <= tolerance_mm:
         return
-    of_the_model = evidence.structure is not None and evidence.error_bars.deviation_ratio > MODEL_DOMINATED
+    of_the_model = evidence.structure is not None and evidence.error_bars.statistics.deviation_ratio > MODEL_DOMINATED
     message = CalibrationMessage.IMPRECISE_MODEL if of_the_model else CalibrationMessage.IMPRECISE
     yield Remark(
         Degree.WATCH if predicted.rms_mm <= tolerance_mm else Degree.FAIL,
@@ -309,7 +309,7 @@ def _bounds(evidence: Evidence, limits: JudgementLimits) -> Iterator[Remark]:
 
 
 def _source_shift(evidence: Evidence, _: JudgementLimits) -> Iterator[Remark]:
-    if not evidence.source_distance.held and not evidence.error_bars.source_shift_resolved:
+    if not evidence.source_distance.held and evidence.error_bars.theta_covariance is None:
         yield Remark(Degree.NOTE, CalibrationMessage.SHIFT_NOT_RESOLVED())
 
 

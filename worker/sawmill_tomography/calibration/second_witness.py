@@ -5,6 +5,7 @@ agree are combined by their covariances. Where the answers disagree, the body th
 answer is used.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,8 @@ from sawmill_vocabulary import Agreement, DetectorEstimate, MovedBody, Rotation,
 # Chi-squared, 2 degrees of freedom: 95 % of agreeing pairs are below AGREE and 99.9 % below DISAGREE. Between the two
 # limits the answers are combined, and the errors enlarged by the difference (Birge 1932).
 AGREE, DISAGREE = 5.991, 13.816
+# `LogWitness.vector`, `covariance` and `kept`.
+_Conditioned = tuple[FloatArray, FloatArray, FloatArray]
 # The parameters that both bodies show.
 BOTH = [FitParameter.U_C, FitParameter.TILT]
 
@@ -48,6 +51,7 @@ class LogWitness:
     taken: UsedEstimate  # the body or bodies whose u_c and tau are reported
     vector: FloatArray  # (5,): the geometry (psi, R, SDD, u_c, tau) that follows from both answers
     covariance: FloatArray  # (5, 5)
+    kept: FloatArray  # (5, 5): what remains of the phantom's errors; the rest of the covariance is by the log
 
     @property
     def reported(self) -> DetectorEstimate:
@@ -81,7 +85,7 @@ def compare_witnesses(
     prior = _Prior(vector, covariance, sees)
     match taken:
         case "phantom":
-            conditioned = vector, covariance
+            conditioned = vector, covariance, np.eye(len(vector))
         case "log":
             conditioned = prior.replaced(difference, np.array(log.detector.covariance))
         case "both":
@@ -135,15 +139,14 @@ class _Prior:
     covariance: FloatArray
     sees: FloatArray
 
-    def combined(
-        self, difference: FloatArray, log_covariance: FloatArray, widened: float
-    ) -> tuple[FloatArray, FloatArray]:
+    def combined(self, difference: FloatArray, log_covariance: FloatArray, widened: float) -> _Conditioned:
         """Combine both answers by linear least squares (Kalman 1960), all variances enlarged by `widened`."""
         cross = self.covariance @ self.sees.T
         gain = cross @ np.linalg.inv(self.sees @ cross + log_covariance)
-        return self.vector + gain @ difference, widened * (self.covariance - gain @ cross.T)
+        kept = math.sqrt(widened) * (np.eye(len(gain)) - gain @ self.sees)
+        return self.vector + gain @ difference, widened * (self.covariance - gain @ cross.T), kept
 
-    def replaced(self, difference: FloatArray, log_covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def replaced(self, difference: FloatArray, log_covariance: FloatArray) -> _Conditioned:
         """Use the log's u_c and tau, and the phantom's rows for the rest of the geometry with these two known.
 
         The error of the phantom's u_c and tau shows that its error bars are too small by a factor: the covariance of
@@ -154,16 +157,17 @@ class _Prior:
         gain = cross @ np.linalg.inv(own)
         widened = max(1.0, float(difference @ np.linalg.solve(own, difference)) / 2.0)
         rest = widened * (self.covariance - gain @ cross.T)
-        return self.vector + gain @ difference, rest + gain @ log_covariance @ gain.T
+        kept = math.sqrt(widened) * (np.eye(len(gain)) - gain @ self.sees)
+        return self.vector + gain @ difference, rest + gain @ log_covariance @ gain.T, kept
 
 
-def _with_theta(scanner: Scanner, vector: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _with_theta(scanner: Scanner, vector: FloatArray, covariance: FloatArray, kept: FloatArray) -> _Conditioned:
     """Hold R at r_S where R became less, since no theta exists there, as `source_distance.with_theta` does."""
     deficit = scanner.source_to_cor_mm - vector[FitParameter.R]
     variance = covariance[FitParameter.R, FitParameter.R]
     if deficit <= 0.0 or variance == 0.0:
-        return vector, covariance
+        return vector, covariance, kept
     step = covariance[:, FitParameter.R] * (deficit / variance)
     moved = vector + step
     moved[FitParameter.R] = scanner.source_to_cor_mm
-    return moved, covariance + np.outer(step, step)
+    return moved, covariance + np.outer(step, step), kept

@@ -57,10 +57,15 @@ def with_theta(
         frame.source_distance_mm, held=True, deficit_deviations=_deficit_deviations(task, frame, statistics)
     )
     moved = held.model.x - free.model.x
-    covariance = replace(statistics.covariance, values=statistics.covariance.values + np.outer(moved, moved))
-    statistics = residual_statistics(held)
-    statistics.ray_covariance[FRAME, FRAME] = covariance.of_frame.values
-    return prepared, held, replace(statistics, covariance=covariance), distance
+    by_holding = np.outer(moved, moved)
+    of_free, statistics = statistics, residual_statistics(held)
+    # Errors of other places of cells than those of the free fit are those next to a known R.
+    base = of_free if of_free.ray_covariance.shape == statistics.ray_covariance.shape else statistics
+    of_rays = np.zeros_like(base.ray_covariance)
+    of_rays[FRAME, FRAME] = by_holding[FRAME, FRAME]
+    covariance = replace(base.covariance, values=base.covariance.values + by_holding)
+    parts, of_rays = base.parts | {"held-source-distance": of_rays}, base.ray_covariance + of_rays
+    return prepared, held, replace(statistics, covariance=covariance, ray_covariance=of_rays, parts=parts), distance
 
 
 def _deficit_deviations(task: CalibrationTask, frame: SourceFrame, statistics: ResidualStatistics) -> float:

@@ -5,16 +5,15 @@ from dataclasses import replace
 import numpy as np
 
 from sawmill_tomography.calibration.calibration import CalibrationOutcome, choose_theta
-from sawmill_tomography.calibration.covariance import scaled_inverse, theta_covariance
+from sawmill_tomography.calibration.covariance import scaled_inverse
 from sawmill_tomography.calibration.fit import Fit
-from sawmill_tomography.calibration.joint_fit.residual_statistics import ErrorBars
+from sawmill_tomography.calibration.joint_fit.residual_statistics import ErrorBars, error_bars
 from sawmill_tomography.calibration.judgement import Evidence, JudgementLimits, judge
 from sawmill_tomography.calibration.scale import scale_uncertainty
 from sawmill_tomography.calibration.second_witness import BOTH, LogAnswer, LogWitness, compare_witnesses
 from sawmill_tomography.drift.detector_fit import detector_fit
 from sawmill_tomography.geometry.fit_parameters import FRAME, FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, Theta
-from sawmill_tomography.geometry.ray_error import predicted_ray_error
 from sawmill_vocabulary import Rotation
 
 POSITION = [FitParameter.T_X, FitParameter.T_Y]
@@ -90,23 +89,21 @@ def _moved(fit: Fit, witness: LogWitness) -> Fit:
 def _error_bars(
     calibration: CalibrationOutcome, alone: ErrorBars, frame: SourceFrame, theta: Theta, witness: LogWitness
 ) -> ErrorBars:
-    scanner, values = calibration.scanner, witness.covariance
-    of_theta = theta_covariance(scanner, frame, theta, values)
-    of_rays = alone.ray_covariance.copy()
-    of_rays[FRAME, FRAME] = values
-    motions = alone.mixture
-    if motions is not None and not np.array_equal(values, alone.covariance.values):
+    statistics, before, values = alone.statistics, alone.covariance.values, witness.covariance
+    kept, by_log = np.eye(len(statistics.ray_covariance)), np.zeros_like(statistics.ray_covariance)
+    kept[FRAME, FRAME] = witness.kept
+    by_log[FRAME, FRAME] = values - witness.kept @ before @ witness.kept.T
+    motions = statistics.mixture
+    if motions is not None and not np.array_equal(values, before):
         # The log takes as much off the error by what else may be real as off the phantom's other errors.
         errors = motions.errors.copy()
-        errors[:, FRAME] = errors[:, FRAME] @ (values @ scaled_inverse(alone.covariance.values)).T
+        errors[:, FRAME] = errors[:, FRAME] @ (values @ scaled_inverse(before)).T
         motions = replace(motions, errors=errors)
-    return replace(
-        alone,
-        covariance=replace(alone.covariance, values=values),
-        ray_covariance=of_rays,
-        theta_covariance=of_theta,
-        predicted_ray_error=predicted_ray_error(
-            scanner, frame, of_rays, alone.hidden_modules, motions, radius_mm=calibration.radius_mm
-        ),
-        source_shift_resolved=of_theta is not None,
+    with_log = replace(
+        statistics,
+        covariance=replace(statistics.covariance, values=values),
+        ray_covariance=kept @ statistics.ray_covariance @ kept.T + by_log,
+        parts={source: kept @ part @ kept.T for source, part in statistics.parts.items()} | {"log": by_log},
+        mixture=motions,
     )
+    return error_bars(calibration.scanner, frame, theta, with_log, calibration.radius_mm)

@@ -225,6 +225,7 @@ class RayErrorPrediction:
     max_mm: float  # standard deviation at the worst point
     upper_95_mm: float  # the RMS ray error stays below this in 95 of 100 cases
     interval_95_mm: tuple[float, float]  # (low, high): the RMS ray error lies in this interval in 95 of 100 cases
+    hidden_mm: float = 0.0  # RMS over the cases of what the alternatives add
 
 
 @dataclass(frozen=True, eq=False)
@@ -300,12 +301,11 @@ def predicted_ray_error(
     if further_mm:
         squares += further_mm**2 * FREEDOM / rng.chisquare(FREEDOM, DRAWS)
     moves = _ModuleMoves.of(form, derivative, hidden, distances[:, distances.shape[1] - 2 * len(hidden) :])
-    for each in alternatives:
-        squares += moves.added_squares(each, errors, rng)
+    by_hidden = sum((moves.added_squares(each, errors, rng) for each in alternatives), np.zeros(DRAWS))
+    squares += by_hidden
     low, upper, high = np.sqrt(np.maximum(np.quantile(squares, [0.025, 0.95, 0.975]), 0.0)).tolist()
-    return RayErrorPrediction(
-        float(np.sqrt(max(variance.mean(), 0.0))), float(np.sqrt(max(variance.max(), 0.0))), upper, (low, high)
-    )
+    rms, most, hidden = np.sqrt(np.maximum([variance.mean(), variance.max(), by_hidden.mean()], 0.0)).tolist()
+    return RayErrorPrediction(rms, most, upper, (low, high), hidden)
 
 
 def _of_views(

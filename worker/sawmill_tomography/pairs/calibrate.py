@@ -9,7 +9,7 @@ import numpy as np
 
 from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, SourceFrame, to_vector
 from sawmill_tomography.pairs.coarse import Nominal, Placed, likely, restarted, starts, together
-from sawmill_tomography.pairs.fine import CORNERS, FRAMES, POSES, FineFit
+from sawmill_tomography.pairs.fine import CORNERS, FRAMES, FineFit
 from sawmill_tomography.pairs.passages import PairData, moved_frames
 from sawmill_tomography.pairs.ray_errors import PairRays, PredictedRays, rigid_motion
 from sawmill_tomography.phantoms.phantom import Phantom
@@ -218,9 +218,7 @@ def _found(
     rays = PairRays(scanners, moved_frames(fit.placed.frames, motion.tolist()), radius)
     covariance = rays.without_motion(covariance, motion, fit.placed.frames)
     deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0)).reshape(-1, 5)
-    turned = [
-        CellOrder.CLOCKWISE if back else CellOrder.COUNTER_CLOCKWISE for back in orders.reversed
-    ]
+    turned = [CellOrder.CLOCKWISE if back else CellOrder.COUNTER_CLOCKWISE for back in orders.reversed]
     pairs = tuple(
         FoundPair(
             SourceFrame.from_vector(rays.frames[number]),
@@ -289,6 +287,4 @@ def _remarks(
         off[[0, 4]] /= nominal.deviations[number - 1][[0, 4]]
         if off.max() > FAR:
             worst = int(np.argmax(off))
-            yield "watch", PairMessage.FAR_AWAY(
-                pair=number, parameter=PARAMETERS[worst], deviations=float(off.max())
-            )
+            yield "watch", PairMessage.FAR_AWAY(pair=number, parameter=PARAMETERS[worst], deviations=float(off.max()))

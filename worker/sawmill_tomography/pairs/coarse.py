@@ -9,8 +9,7 @@ from itertools import product
 
 import numpy as np
 
-from sawmill_tomography.calibration.covariance import scaled_inverse
-from sawmill_tomography.geometry.fit_parameters import FRAME, GramTerm
+from sawmill_tomography.geometry.fit_parameters import GramTerm
 from sawmill_tomography.geometry.geometry import TAU, FloatArray, SourceFrame
 from sawmill_tomography.pairs.passages import PairData, by_pose, seen_by_views
 from sawmill_tomography.phantoms.phantom import Phantom
@@ -215,9 +214,7 @@ def starts(board: Phantom, data: Sequence[PairData], nominal: Nominal) -> list[P
         ((sum(power for power, _ in several), np.stack([pose for _, pose in several])) for several in product(*alone)),
         key=lambda each: each[0],
     )
-    fitted = [
-        together(board, data, Placed(nominal.frames, poses, power), nominal) for power, poses in sets[:TOGETHER]
-    ]
+    fitted = [together(board, data, Placed(nominal.frames, poses, power), nominal) for power, poses in sets[:TOGETHER]]
     return sorted(fitted, key=lambda each: each.power)
 
 

@@ -201,7 +201,9 @@ class FineFit:
     def _primary(self, x: FloatArray, number: int, model: ScanModel) -> FloatArray:
         """Return the line integrals of one pair without scatter."""
         straight = self._straight(number, model)
-        lines = model.prediction + sum(bend * row for bend, row in zip(self._optics(x, number)[BENT], self._bent(number, straight), strict=True))
+        lines = model.prediction + sum(
+            bend * row for bend, row in zip(self._optics(x, number)[BENT], self._bent(number, straight), strict=True)
+        )
         densities = x[self.layout.part(PATCHES)][: len(self.patches[number])]
         return lines + np.tensordot(densities, self.patches[number], 1) if densities.size else lines
 
@@ -285,7 +287,12 @@ class FineFit:
         gains = soft(np.stack([model.sharp - model.offset, np.ones_like(predicted)]))
         gains[0] *= self.attenuation[number] / model.gain
         of_views = (of_passage * gains).reshape(-1, *predicted.shape)
-        parts = {FRAMES: (5 * number, soft(chain * rows[:5])), POSES: (0, poses), WOOD: (0, wood), CORNERS: (0, corners)}
+        parts = {
+            FRAMES: (5 * number, soft(chain * rows[:5])),
+            POSES: (0, poses),
+            WOOD: (0, wood),
+            CORNERS: (0, corners),
+        }
         parts |= {OPTICS: (OF_OPTICS * number, np.array(optics)), VIEWS: (len(of_views) * number, of_views)}
         parts |= {PATCHES: (0, self.patches[number])}
         if layout.sloped:
@@ -504,7 +511,9 @@ def _of_groups(rows: FloatArray, groups: int) -> FloatArray:
 def correlation(residuals: Sequence[FloatArray]) -> FloatArray:
     """Return what cells at distances of 0 to `LAGS` share beyond white noise, (lags + 1,), tapered by Bartlett."""
     size = sum(one.size for one in residuals)
-    power = [sum(float((one[:, lag:] * one[:, : one.shape[1] - lag]).sum()) for one in residuals) for lag in range(LAGS + 1)]
+    power = [
+        sum(float((one[:, lag:] * one[:, : one.shape[1] - lag]).sum()) for one in residuals) for lag in range(LAGS + 1)
+    ]
     shared = np.array(power) / size
     shared[0] = max(shared[0] - 1.0, 0.0)
     return np.asarray(shared * (1.0 - np.arange(LAGS + 1) / (LAGS + 1)))
@@ -533,6 +542,10 @@ def with_corners(board: Phantom, moved: FloatArray) -> Phantom:
         points = [shape.center_mm] if isinstance(shape, Disc) else shape.vertices_mm
         corners = [(float(x), float(y)) for x, y in np.array(points) + left[: len(points)]]
         left = left[len(points) :]
-        moved_shape = replace(shape, center_mm=corners[0]) if isinstance(shape, Disc) else replace(shape, vertices_mm=tuple(corners))
+        moved_shape = (
+            replace(shape, center_mm=corners[0])
+            if isinstance(shape, Disc)
+            else replace(shape, vertices_mm=tuple(corners))
+        )
         shapes.append(moved_shape)
     return replace(board, shapes=tuple(shapes))

@@ -22,7 +22,12 @@ class PairData:
         means = self.lines.mean(axis=1, keepdims=True)
         count = means.shape[2] // cells
         means = means[..., : count * cells].reshape(len(means), 1, count, cells).mean(axis=3)
-        wider = replace(self.cells, width_mm=self.cells.width_mm * cells, count=count, modules=self.cells.modules if cells == 1 else ())
+        wider = replace(
+            self.cells,
+            width_mm=self.cells.width_mm * cells,
+            count=count,
+            modules=self.cells.modules if cells == 1 else (),
+        )
         return PairData(means, self.heights_mm.mean(keepdims=True), wider)
 
     @property

@@ -142,8 +142,12 @@ class PairRays:
 
         `covariance` is that of `frames` (pairs, 5) before the motion (3,).
         """
-        moved = np.stack([_slope(lambda x: moved_frames(x, motion.tolist()), frames, one) for one in range(frames.size)], -1)
-        rigid = np.stack([_slope(lambda x: moved_frames(self.frames, x.tolist()), np.zeros(3), one) for one in range(3)], -1)
+        moved = np.stack(
+            [_slope(lambda x: moved_frames(x, motion.tolist()), frames, one) for one in range(frames.size)], -1
+        )
+        rigid = np.stack(
+            [_slope(lambda x: moved_frames(self.frames, x.tolist()), np.zeros(3), one) for one in range(3)], -1
+        )
         kept = (np.eye(frames.size) - rigid @ self.to_gauge[:3]) @ moved
         left: FloatArray = kept @ covariance @ kept.T
         return left

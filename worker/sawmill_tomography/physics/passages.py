@@ -93,5 +93,7 @@ def _received(
 ) -> FloatArray:
     """Return the signals of all rows, (views, cells); the tube and the detector's lag start anew in each passage."""
     rng = np.random.default_rng(seed)
-    parts = [signal(part, pitch_mm, effects, tube_output(len(part), effects, rng)) for part in np.split(through, passages)]
+    parts = [
+        signal(part, pitch_mm, effects, tube_output(len(part), effects, rng)) for part in np.split(through, passages)
+    ]
     return np.concatenate(parts)

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from rich import box
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column, Table
 
-from sawmill_calibration.pictures.report_numbers import calibration_table
+from sawmill_calibration.pictures import report_numbers as numbers
 from sawmill_calibration.scans.pack import ScanPack
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.drifts import DriftResult
@@ -27,7 +27,7 @@ def print_calibration(result: CalibrationResult) -> None:
     colour = {"pass": "green", "watch": "yellow", "fail": "red"}[result.verdict]
     title = f"Calibration with {escape(result.phantom)}: [bold {colour}]{result.verdict}[/]"
     table = Table(title=title, show_header=False)
-    for label, value in calibration_table(result):
+    for label, value in numbers.calibration_table(result):
         table.add_row(label, value)
     console = Console()
     console.print(table)
@@ -39,7 +39,9 @@ def print_pairs(result: FixedPairsResult) -> None:
     """Print the verdict on a scanner of fixed pairs, each pair's geometry with standard deviations, and the reasons."""
     colour = {"pass": "green", "watch": "yellow", "fail": "red"}[result.verdict]
     rays = f"rays {result.predicted_rms_mm:.3f} mm, 95 % below {result.upper_95_mm:.3f} mm"
-    table = Table(title=f"{len(result.pairs)} pairs with {escape(result.phantom)}: [bold {colour}]{result.verdict}[/]; {rays}")
+    table = Table(
+        title=f"{len(result.pairs)} pairs with {escape(result.phantom)}: [bold {colour}]{result.verdict}[/]; {rays}"
+    )
     for column in ("pair", "angle, °", "source, mm", "SDD, mm", "u_c, mm", "tilt, °", "rays 95 %, mm", "cells"):
         table.add_column(column, justify="right")
     for number, pair in enumerate(result.pairs, 1):
@@ -56,7 +58,9 @@ def print_pairs(result: FixedPairsResult) -> None:
     console = Console()
     console.print(table)
     rolls = ", ".join(f"{passage.roll_deg:.1f}°" for passage in result.passages)
-    console.print(f"Board in {len(result.passages)} passages, rolled by {rolls}; sizes ± {result.scale_uncertainty_percent:.2g} %.")
+    console.print(
+        f"Board in {len(result.passages)} passages, rolled by {rolls}; sizes ± {result.scale_uncertainty_percent:.2g} %."
+    )
     for reason in result.reasons:
         console.print(f"- {reason}", highlight=False, markup=False)
 
@@ -106,6 +110,16 @@ def print_drift(result: DriftResult) -> None:
         console.print(f"- {done}", highlight=False, markup=False)
     for blind in result.not_seen:
         console.print(f"- not seen: {blind}", highlight=False, markup=False)
+
+
+def print_budget(result: CalibrationResult) -> None:
+    """Print the uncertainty budget, and what it is not."""
+    columns = (Column(name, justify="right", no_wrap=True) for name in numbers.BUDGET_COLUMNS)
+    table = Table("source", *columns, title="Uncertainty budget", box=box.SIMPLE, padding=0)
+    for label, cells in numbers.budget_rows(result):
+        table.add_row(escape(label) if cells else f"[bold]{label}[/]", *cells)
+    notes = (f"- {note}" for note in numbers.budget_notes(result))
+    Console().print(table, *notes, sep="\n", highlight=False)
 
 
 def print_repeatability(result: RepeatabilityResult) -> None:

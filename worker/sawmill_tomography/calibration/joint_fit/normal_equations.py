@@ -341,6 +341,19 @@ class ViewGrams:
         change = (inverse @ (scores[:, every] - self._pull)[..., None])[..., 0]
         return change, inverse @ self._with_terms(columns, every), np.asarray(inverse[:, :, own], np.float64)
 
+    def scatter(self, columns: Sequence[Column], patches: "Patches | None") -> FloatArray:
+        """Return the part (n, n) of the columns' normal equations by the scatter of random effects; the rest is noise.
+
+        A random effect with precision L, of which `taken` compensates the columns, scatters it by taken' L taken.
+        """
+        every, left, densities = [*columns], np.eye(len(columns)), np.zeros((0, len(columns)))
+        if patches is not None:
+            every, left, densities = [*every, *self._patches], np.concatenate([left, -patches.taken]), patches.taken
+        sums, taken = left.T @ self._sums_of(every), self.of_each_view(every, self._projected)[1] @ left
+        by_cells = (sums * self.stripe_shares * (1.0 - self.stripe_shares * self._count)) @ sums.T
+        by_cells += self._density_precision * densities.T @ densities
+        return np.asarray(by_cells + np.einsum("vin,vij,vjm->nm", taken, self._precision, taken, optimize=True))
+
     def _densities_alone(self, whole: "System") -> tuple[FloatArray, FloatArray]:
         """Return the inverse normal matrix and the score of the densities, the last columns, with their prior."""
         count, precision = len(self._patches), self._density_precision

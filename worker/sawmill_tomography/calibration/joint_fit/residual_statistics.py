@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -47,9 +47,11 @@ class ResidualStatistics:
 
     covariance: Covariance  # covariance of the seven unknowns, inflated by what the residual has beyond white noise
     ray_covariance: FloatArray  # (5 + 2 modules, 5 + 2 modules), with the places of cells where they are fitted
+    parts: dict[str, FloatArray]  # by the names of `SOURCES`, which add up to `ray_covariance`
     hidden_modules: tuple[RayAlternatives, ...]
     mixture: RayErrorMixture | None  # all that may be real instead of what was fitted
     further_mm: float  # RMS ray error by what the detector's cells have beyond the waves that are fitted
+    noise: float  # standard deviation of a sample
     inflation: float  # factor by which correlation within the views inflates the covariance; 1 for white noise
     deviation_ratio: float
     structured: bool  # True if the residual is more than white noise
@@ -90,6 +92,7 @@ def residual_statistics(joint: JointFit) -> ResidualStatistics:
     own, noise, count = [*free.values(), *modules.values()], joint.variance, len(free)
     plain = joint.system.inverse(joint.used)[np.ix_(own, own)] * noise
     of_free = plain
+    parts = {source: part[np.ix_(own, own)] for source, part in _plain_parts(joint).items()}
     inflation, structured = 1.0, False
     if noise > 0.0:
         shared = max(joint.system.structured - float(joint.change @ joint.system.score), 0.0) / (SHARES * noise)
@@ -102,41 +105,60 @@ def residual_statistics(joint: JointFit) -> ResidualStatistics:
         inflation = max(inflation, shared)
         structured = inflation > 1.0 or slow > 1.0 + WHITE * math.sqrt(1.0 / (number * unknowns))
         of_free = plain * inflation
+        parts["misfit-within-views"] = plain * (inflation - 1.0)
         if structured:
             back = (waves @ scores.unscale.T)[:, own] * STUDENT[number - 1]
-            of_free = of_free + np.real(back.conj().T @ back) / number
-    for bias in joint.biases:
-        of_free = of_free + np.outer(bias[own], bias[own])
+            parts["misfit-between-views"] = np.real(back.conj().T @ back) / number
+            of_free = of_free + parts["misfit-between-views"]
+    if joint.biases:
+        parts["effects-switched-off"] = np.sum([np.outer(bias[own], bias[own]) for bias in joint.biases], axis=0)
+        of_free = of_free + parts["effects-switched-off"]
     values, names = np.zeros((len(FitParameter), len(FitParameter))), list(free)
     values[np.ix_(names, names)] = of_free[:count, :count]
     unknown = frozenset(p for p in free if not values[p, p] > 0.0)
     ratio = np.diag(of_free)[:count] / np.where(np.diag(plain) > 0.0, np.diag(plain), 1.0)[:count]
     return ResidualStatistics(
         Covariance(values, frozenset(FitParameter) - frozenset(free), unknown),
-        *_of_rays(joint, [*free, *modules], own, of_free),
+        *_of_rays(joint, [*free, *modules], own, of_free, parts),
         _beyond_waves_mm(joint),
+        math.sqrt(noise),
         inflation,
         math.sqrt(float(ratio.mean())),
         structured,
     )
 
 
+def _plain_parts(joint: JointFit) -> dict[str, FloatArray]:
+    """Divide the covariance (used, used) for white noise by sources: noise, random effects, and sizes of effects."""
+    used, system, patches = joint.used, joint.system, joint.system.patches
+    of_used = None if patches is None else replace(patches, taken=patches.taken[:, used])
+    scatter = system.source.scatter([system.columns[place] for place in used], of_used) + np.diag(joint.precision)
+    inverse, normal = system.inverse(used), system.normal[np.ix_(used, used)]
+    of_sources = {"noise": normal - scatter, "scatter": scatter}
+    return {source: joint.variance * inverse @ part @ inverse for source, part in of_sources.items()}
+
+
 def _of_rays(
-    joint: JointFit, names: Sequence[int | None], own: Sequence[int], covariance: FloatArray
-) -> tuple[FloatArray, tuple[RayAlternatives, ...], RayErrorMixture | None]:
-    """Return `ray_covariance`, `hidden_modules` and `mixture` from the covariance of the columns `own`."""
+    joint: JointFit,
+    names: Sequence[int | None],
+    own: Sequence[int],
+    covariance: FloatArray,
+    parts: dict[str, FloatArray],
+) -> tuple[FloatArray, dict[str, FloatArray], tuple[RayAlternatives, ...], RayErrorMixture | None]:
+    """Return `ray_covariance`, `parts`, `hidden_modules` and `mixture` from the covariance of the columns `own`."""
     order = terms_of_rays(joint)
     kept = [n for n, name in enumerate(names) if name in order]
     rows, columns = [order.index(name) for name in names if name in order], [own[n] for n in kept]
-    values = np.zeros((len(order), len(order)))
-    values[np.ix_(rows, rows)] = covariance[np.ix_(kept, kept)]
+    every = np.zeros((1 + len(parts), len(order), len(order)))
+    every[np.ix_(range(len(every)), rows, rows)] = np.stack([covariance, *parts.values()])[:, kept][:, :, kept]
+    values, of_sources = every[0], dict(zip(parts, every[1:], strict=True))
     modules = tuple(_alternatives(group, columns, rows, len(order)) for group in joint.hidden_modules if group)
     drawn = joint.motion_sets.errors
     if drawn is None:
-        return values, modules, None
+        return values, of_sources, modules, None
     errors = np.zeros((len(drawn), len(order)))
     errors[:, rows] = drawn[:, columns]
-    return values, modules, RayErrorMixture(errors, DRAWS)
+    return values, of_sources, modules, RayErrorMixture(errors, DRAWS)
 
 
 def terms_of_rays(joint: JointFit) -> list[int]:
@@ -207,15 +229,14 @@ def _scores(joint: JointFit) -> _Scores:
 class ErrorBars:
     """Uncertainties of a calibration."""
 
-    covariance: Covariance  # covariance of the geometry's five unknowns
-    ray_covariance: FloatArray  # (5 + 2 modules, 5 + 2 modules)
-    hidden_modules: tuple[RayAlternatives, ...]
-    mixture: RayErrorMixture | None  # all that may be real instead of what was fitted
-    theta_covariance: FloatArray | None  # (5, 5) or None: covariance of theta
+    statistics: ResidualStatistics
+    theta_covariance: FloatArray | None  # (5, 5); None where the source shift is not resolved from zero
     predicted_ray_error: RayErrorPrediction  # predicted ray error inside the log's disc
-    inflation: float  # factor by which the residual's correlation within views inflated the covariance
-    deviation_ratio: float
-    source_shift_resolved: bool  # True if the source shift differs from zero by more than its uncertainty
+
+    @property
+    def covariance(self) -> Covariance:
+        """Covariance of the geometry's five unknowns."""
+        return self.statistics.covariance.of_frame
 
     @property
     def theta_deviation(self) -> FloatArray | None:
@@ -239,25 +260,15 @@ def error_bars(
 
     `of_views` are the errors of views with poses of their own.
     """
-    covariance = statistics.covariance.of_frame
-    of_theta = theta_covariance(scanner, frame, theta, covariance.values)
-    return ErrorBars(
-        covariance=covariance,
-        ray_covariance=statistics.ray_covariance,
-        hidden_modules=statistics.hidden_modules,
-        mixture=statistics.mixture,
-        theta_covariance=of_theta,
-        predicted_ray_error=predicted_ray_error(
-            scanner,
-            frame,
-            statistics.ray_covariance,
-            statistics.hidden_modules,
-            statistics.mixture,
-            radius_mm=radius_mm,
-            further_mm=statistics.further_mm,
-            of_views=of_views,
-        ),
-        inflation=statistics.inflation,
-        deviation_ratio=statistics.deviation_ratio,
-        source_shift_resolved=of_theta is not None,
+    predicted = predicted_ray_error(
+        scanner,
+        frame,
+        statistics.ray_covariance,
+        statistics.hidden_modules,
+        statistics.mixture,
+        radius_mm=radius_mm,
+        further_mm=statistics.further_mm,
+        of_views=of_views,
     )
+    of_theta = theta_covariance(scanner, frame, theta, statistics.covariance.of_frame.values)
+    return ErrorBars(statistics, of_theta, predicted)

@@ -1,0 +1,85 @@
+"""The lines of the uncertainty budget: what they add up to, and what scans with one disturbance alone show."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from exact_chords import full_turn
+
+from sawmill_tomography.calibration.calibrate import calibrate
+from sawmill_tomography.calibration.task import CalibrationTask
+from sawmill_tomography.calibration.uncertainty_budget import uncertainty_budget
+from sawmill_tomography.geometry.geometry import Scanner, SourceFrame, to_vector
+from sawmill_tomography.geometry.ray_error import predicted_ray_error, ray_error
+from sawmill_tomography.phantoms.built_in import L_SHAPE
+from sawmill_tomography.projection import analytic
+from sawmill_tomography.projection.analytic import DetectorCells
+from sawmill_vocabulary import Adjustment, Disc, Handedness, Rotation
+
+NOISE_MM, SCANNER, FRAME = 2.0, Scanner(859.46, 256, 4.5), SourceFrame(0.3, 880.0, 1600.0, -30.0, -0.08)
+
+
+def calibrated(seed=2201, *, seen=L_SHAPE, slip_mm=0.0, views=40, without=(), **scanner):
+    """Calibrate a scan with noise of its own, of the drawing or of another phantom, which may slip."""
+    angles, positions = full_turn(views), np.zeros((views, 2))
+    positions[views // 2 :, 0] = slip_mm
+    clean = analytic.project(seen, DetectorCells.of(SCANNER), FRAME, angles, position_mm=positions)
+    lines = clean + NOISE_MM * np.random.default_rng(seed).standard_normal(clean.shape)
+    known = {"handedness": Handedness.AS_DRAWN, "rotation": Rotation.AS_GIVEN, "without": frozenset(without)}
+    return calibrate(CalibrationTask(replace(SCANNER, **scanner), L_SHAPE, lines, angles, **known))
+
+
+def lines_of(found):
+    return {line.source: line for line in uncertainty_budget(found)}
+
+
+KNOT = replace(L_SHAPE, shapes=(*L_SHAPE.shapes, Disc((60.0, -100.0), 14.0, 0.8)))
+CASES = {"noise": {}, "held-source-distance": {"source_to_cor_mm": 882.0}, "misfit-between-views": {"seen": KNOT}}
+CASES["effects-switched-off"] = {"slip_mm": 2.0, "without": [Adjustment.SLIP]}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("source", CASES)
+def test_the_lines_add_up_to_the_covariance(source):
+    found = calibrated(**CASES[source])
+    lines, predicted, scale = lines_of(found), found.findings.error_bars.predicted_ray_error, found.findings.scale
+    summed = [line for line in lines.values() if line.counted_in == "sum"]
+    assert {line.source for line in summed} >= {"noise", "phantom-size", source}
+    assert math.hypot(*(line.rays_mm for line in summed)) == pytest.approx(predicted.rms_mm, rel=1e-6)
+    stated = 100.0 * math.hypot(scale.size, scale.statistical)
+    assert math.hypot(*(line.scale_percent for line in summed)) == pytest.approx(stated, rel=1e-6)
+    assert sum(line.rays_share_percent for line in summed) == pytest.approx(100.0)
+    assert lines["noise"].standard_uncertainty == pytest.approx(NOISE_MM, rel=0.15)
+    assert all(line.scale_share_percent is None for line in lines.values() if line.counted_in != "sum")
+
+
+@pytest.mark.slow
+def test_what_is_assumed_does_what_its_line_says():
+    """Wider cells and another r_S leave the rays; 1 % of moisture changes the scale alone."""
+    found = calibrated()
+    lines, vector = lines_of(found), to_vector(found.frame)
+    wider = to_vector(calibrated(detector_pitch_mm=4.5 * 1.001).frame)
+    np.testing.assert_allclose(wider, vector * [1.0, 1.0, 1.001, 1.001, 1.0], rtol=1e-6)
+    np.testing.assert_allclose(to_vector(calibrated(source_to_cor_mm=860.46).frame), vector, rtol=1e-9)
+    assert lines["cell-distance"].rays_mm == lines["source-distance"].rays_mm == lines["moisture"].rays_mm == 0.0
+    swollen = ray_error(SCANNER, found.frame, calibrated(seen=L_SHAPE.scaled(1.0025)).frame)
+    assert lines["moisture"].scale_percent == pytest.approx(100.0 * abs(swollen.scale_change), abs=0.01)
+    assert swollen.rms_mm < 0.005
+
+
+@pytest.mark.slow
+def test_where_r_is_held_the_stated_source_distance_moves_the_rays_as_its_line_says():
+    held, farther = (calibrated(source_to_cor_mm=r_s) for r_s in (882.0, 883.0))
+    moved_mm = ray_error(SCANNER, held.frame, farther.frame).rms_mm
+    assert lines_of(held)["source-distance"].rays_mm == pytest.approx(moved_mm, rel=0.15)
+
+
+@pytest.mark.nightly
+def test_scans_with_other_noise_scatter_as_the_line_of_noise_says():
+    """100 scans know the RMS of about two independent errors to 5 %."""
+    found = [calibrated(seed, views=90) for seed in range(2300, 2400)]
+    seen = np.cov([to_vector(each.frame) for each in found], rowvar=False)
+    scattered_mm = predicted_ray_error(SCANNER, FRAME, seen, radius_mm=found[0].radius_mm).rms_mm
+    stated_mm = np.sqrt(np.mean([lines_of(each)["noise"].rays_mm ** 2 for each in found]))
+    assert scattered_mm == pytest.approx(stated_mm, rel=0.15)
