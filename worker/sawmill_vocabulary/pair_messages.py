@@ -62,7 +62,8 @@ class PairMessage(Message):
     SCALE = (
         "pairs-scale",
         N_(
-            "Sizes are not certain enough: they may be wrong by %(percent).2g %%, and %(allowed_percent).2g %% is allowed."
+            "Sizes are not certain enough: they may be wrong by %(percent).2g %%, and %(allowed_percent).2g %% is "
+            "allowed."
         ),
         N_("Measure the board, and give its size with its tolerance."),
         "",

@@ -74,7 +74,8 @@ def calibrate_fixed_pairs(
             "fixed-pairs", f"the scanner has {len(given.pairs)} pairs: give a file for each, not {len(scans)}"
         )
     board = to_phantom(drawing)
-    stacks, ranges = [], []
+    stacks: list[tuple[NDArray[np.float32], ScanRows]] = []
+    ranges: list[tuple[int, int]] = []
     with input_errors_translated(), ExitStack() as files:
         for number, (path, pair) in enumerate(zip(scans, given.pairs, strict=True)):
             wanted = UnregisteredScanOptions(data=DataKind(data), detector_pitch_mm=pair.detector_pitch_mm)

@@ -78,7 +78,7 @@ def poses_alone(board: Phantom, data: Sequence[PairData], frames: FloatArray) ->
     damping = np.full(rolls.size, 1e-2)
 
     def system(at: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        parts = [reduced_grams(board, *each, at, own) for *each, own in zip(data, frames, lines, strict=True)]
+        parts = [reduced_grams(board, *each[:2], at, each[2]) for each in zip(data, frames, lines, strict=True)]
         normal, score, power = (sum(each) for each in zip(*parts, strict=True))
         return normal[:, 5:, 5:], score[:, 5:], power
 

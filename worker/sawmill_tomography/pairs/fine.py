@@ -12,6 +12,8 @@ from functools import cached_property
 import numpy as np
 import scipy
 
+from numpy.typing import NDArray
+
 from sawmill_tomography.calibration.covariance import scaled_inverse
 from sawmill_tomography.calibration.joint_fit.sample_noise import LEAST_NOISE, sample_noise
 from sawmill_tomography.calibration.joint_fit.scan_model import LARGEST, ScanModel, Term
@@ -170,7 +172,7 @@ class FineFit:
         layout, data, lines = self.layout, self.data[number], self.lines[number]
         angles, positions = seen_by_views(self._poses(x, number))
         optics = self._optics(x, number)[: len(OF_PAIR)]
-        sizes = dict(zip((*OF_WOOD, *OF_PAIR), (*x[layout.part(WOOD)], *optics), strict=True))
+        sizes: dict[int, float] = dict(zip((*OF_WOOD, *OF_PAIR), (*x[layout.part(WOOD)], *optics), strict=True))
         sizes |= {term: 0.0 for term in LARGEST if sizes.get(Term(term), 0.0) < LEAST_SIZE}
         gain, offset = x[layout.part(VIEWS)].reshape(layout.pairs, layout.passages, 2)[number].T
         groups = len(lines) // layout.passages
@@ -187,7 +189,7 @@ class FineFit:
         )
 
     def _optics(self, x: FloatArray, number: int) -> FloatArray:
-        return x[self.layout.part(OPTICS)].reshape(self.layout.pairs, -1)[number]
+        return np.asarray(x[self.layout.part(OPTICS)].reshape(self.layout.pairs, -1)[number])
 
     def prediction(self, x: FloatArray, number: int, model: ScanModel | None = None) -> FloatArray:
         """Return the line integrals (views, cells) that one pair should measure."""
@@ -200,12 +202,10 @@ class FineFit:
 
     def _primary(self, x: FloatArray, number: int, model: ScanModel) -> FloatArray:
         """Return the line integrals of one pair without scatter."""
-        straight = self._straight(number, model)
-        lines = model.prediction + sum(
-            bend * row for bend, row in zip(self._optics(x, number)[BENT], self._bent(number, straight), strict=True)
-        )
+        bent = self._bent(number, self._straight(number, model))
+        lines = model.prediction + np.tensordot(self._optics(x, number)[BENT], bent, 1)
         densities = x[self.layout.part(PATCHES)][: len(self.patches[number])]
-        return lines + np.tensordot(densities, self.patches[number], 1) if densities.size else lines
+        return np.asarray(lines + np.tensordot(densities, self.patches[number], 1))
 
     def _straight(self, number: int, model: ScanModel) -> FloatArray:
         """Return the line integrals of a beam that does not harden, by the pair's attenuation, (views, cells)."""
@@ -260,7 +260,7 @@ class FineFit:
         self.weights, self.shares = own
         return power
 
-    def columns(self, x: FloatArray, number: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def columns(self, x: FloatArray, number: int) -> tuple[NDArray[np.intp], FloatArray, FloatArray]:
         """Return the places of the unknowns of one pair, their columns (n, views, cells), and the residual.
 
         All are times the root of the weights.
@@ -278,9 +278,9 @@ class FineFit:
         heights = np.tile(self.data[number].heights_mm, passages)[:, None]
         pose = soft(chain * by_pose(self._poses(x, number), rows[0], rows[5:7]))
         poses = (of_passage * pose).reshape(-1, *predicted.shape)
-        wood = np.stack([*(chain * [rows[10], rows[11], self._rounding(x, number, model)]), *(chain * rows[8:10])])
+        wood = np.stack([*(chain * [rows[10], rows[11], self._rounding(model)]), *(chain * rows[8:10])])
         wood = soft(wood)
-        corners = soft(chain * self._moved_corners(x, number, model))
+        corners = soft(chain * self._moved_corners(x, model))
         blurred = (self.prediction(self._changed(x, number, Term.BLUR, BLUR_STEP), number) - predicted) / BLUR_STEP
         bent = flat * self._bent(number, straight)
         optics = [blurred, flat * model.across, flat * model.across**2, *self._by_scatter(x, number, model), *bent]
@@ -308,12 +308,13 @@ class FineFit:
         there[self.layout.part(OPTICS).start + OF_OPTICS * number + list(OF_PAIR).index(term)] += step
         return there
 
-    def _rounding(self, x: FloatArray, number: int, model: ScanModel) -> FloatArray:
+    @staticmethod
+    def _rounding(model: ScanModel) -> FloatArray:
         """Return the derivative of the lengths by the square of the radius of all corners."""
         more = replace(model, sizes={**model.sizes, Term.CORNERS: model.size(Term.CORNERS) + ROUND_STEP})
         return np.asarray((more.lengths - model.lengths) / ROUND_STEP)
 
-    def _moved_corners(self, x: FloatArray, number: int, model: ScanModel) -> FloatArray:
+    def _moved_corners(self, x: FloatArray, model: ScanModel) -> FloatArray:
         """Return the derivatives of the lengths by the places of the corners, (coordinates, views, cells)."""
         corners = x[self.layout.part(CORNERS)]
         moved = np.zeros((corners.size, *model.lengths.shape))

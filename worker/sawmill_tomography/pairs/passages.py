@@ -66,7 +66,7 @@ def _moved(frame: FloatArray, x_mm: float, y_mm: float, turn_rad: float) -> Floa
     psi, r, sdd, u_c, tau = frame
     omega, f = psi + tau + turn_rad, sdd * np.cos(tau)
     foot = u_c - sdd * np.sin(tau)
-    source = np.array(rotate(psi + turn_rad, 0.0, -r)) + [x_mm, y_mm]
+    source = np.add(rotate(psi + turn_rad, 0.0, -r), [x_mm, y_mm])
     distance, angle = float(np.hypot(*source)), float(np.arctan2(source[0], -source[1]))
     tilt = float(np.arctan2(np.sin(omega - angle), np.cos(omega - angle)))
     return np.array([angle, distance, f / np.cos(tilt), foot + f * np.tan(tilt), tilt])

@@ -120,7 +120,7 @@ class PairRays:
     @cached_property
     def to_gauge(self) -> FloatArray:
         """The rigid motion and scale that a change of the frames contains, (4, 5 pairs)."""
-        return np.linalg.lstsq(self.gauge, self.slopes)[0]
+        return np.asarray(np.linalg.lstsq(self.gauge, self.slopes)[0], np.float64)
 
     def predicted(self, covariance: FloatArray, pair: int | None = None) -> PredictedRays:
         """Predict the ray error of all pairs, or of one, from the covariance (5 pairs, 5 pairs) of the frames.

@@ -78,13 +78,13 @@ def simulate_passages(
         through = transmission(wood, pair.scanner, frame, motion, effects, 0.0)
         received = _received(through, pair.detector_pitch_mm, effects, len(passages), (seed, number, _TUBE))
         noise = np.random.default_rng((seed, number, _NOISE))
-        counts = converter.expose(photons * received, noise)
+        exposed = converter.expose(photons * received, noise)
         fields = [converter.expose(np.full((FIELDS, cells), level), noise) for level in (photons, 0.0)]
-        counts = spoil(counts, converter, effects.detector, np.random.default_rng((seed, number, _SPOILT)))
+        counts = spoil(exposed, converter, effects.detector, np.random.default_rng((seed, number, _SPOILT)))
         flats, darks = (field.astype(np.uint16) for field in fields)
         way = -1 if pair.cell_order is CellOrder.CLOCKWISE else 1
-        counts, flats, darks = (image[:, ::way] for image in (counts, flats, darks))
-        passed.append(PassedPair(counts.reshape(len(passages), rows, cells), flats, darks))
+        shape = len(passages), rows, cells
+        passed.append(PassedPair(counts[:, ::way].reshape(shape), flats[:, ::way], darks[:, ::way]))
     return passed
 
 

@@ -38,28 +38,30 @@ def print_calibration(result: CalibrationResult) -> None:
 def print_pairs(result: FixedPairsResult) -> None:
     """Print the verdict on a scanner of fixed pairs, each pair's geometry with standard deviations, and the reasons."""
     colour = {"pass": "green", "watch": "yellow", "fail": "red"}[result.verdict]
-    rays = f"rays {result.predicted_rms_mm:.3f} mm, 95 % below {result.upper_95_mm:.3f} mm"
-    table = Table(
-        title=f"{len(result.pairs)} pairs with {escape(result.phantom)}: [bold {colour}]{result.verdict}[/]; {rays}"
-    )
-    for column in ("pair", "angle, °", "source, mm", "SDD, mm", "u_c, mm", "tilt, °", "rays 95 %, mm", "cells"):
-        table.add_column(column, justify="right")
-    for number, pair in enumerate(result.pairs, 1):
-        frame, spread = pair.source_frame, pair.standard_deviation
-        numbers = (
-            (math.degrees(frame.psi_rad), math.degrees(spread.psi_rad or 0.0)),
-            (frame.source_distance_mm, spread.source_distance_mm),
-            (frame.source_to_detector_mm, spread.source_to_detector_mm),
-            (frame.cor_column_mm, spread.cor_column_mm),
-            (math.degrees(frame.tilt_rad), math.degrees(spread.tilt_rad or 0.0)),
-        )
-        cells = [f"{value:.3f} ± {deviation:.2g}" for value, deviation in numbers]
-        table.add_row(str(number), *cells, f"{pair.upper_95_mm:.3f}", pair.cell_order.value)
+    table = Table(title=f"{len(result.pairs)} pairs with {escape(result.phantom)}: [bold {colour}]{result.verdict}[/]")
+    table.add_column("")
+    for number in range(1, len(result.pairs) + 1):
+        table.add_column(f"pair {number}", justify="right")
+    units = {
+        "angle, °": ("psi_rad", math.degrees(1.0)),
+        "source to centre, mm": ("source_distance_mm", 1.0),
+        "source to detector, mm": ("source_to_detector_mm", 1.0),
+        "centre on the detector, mm": ("cor_column_mm", 1.0),
+        "tilt, °": ("tilt_rad", math.degrees(1.0)),
+    }
+    for label, (name, unit) in units.items():
+        cells = []
+        for pair in result.pairs:
+            value, deviation = (getattr(part, name) for part in (pair.source_frame, pair.standard_deviation))
+            cells.append(f"{unit * value:.2f} ± {unit * deviation:.2g}")
+        table.add_row(label, *cells)
+    table.add_row("rays, 95 %, mm", *(f"{pair.upper_95_mm:.3f}" for pair in result.pairs))
     console = Console()
     console.print(table)
     rolls = ", ".join(f"{passage.roll_deg:.1f}°" for passage in result.passages)
+    say_of_all = f"All rays: {result.predicted_rms_mm:.3f} mm, 95 % below {result.upper_95_mm:.3f} mm; sizes ± "
     console.print(
-        f"Board in {len(result.passages)} passages, rolled by {rolls}; sizes ± {result.scale_uncertainty_percent:.2g} %."
+        f"{say_of_all}{result.scale_uncertainty_percent:.2g} %. Board in {len(result.passages)} passages: {rolls}."
     )
     for reason in result.reasons:
         console.print(f"- {reason}", highlight=False, markup=False)
