@@ -430,8 +430,9 @@ class FineFit:
         """Let the wood's density vary from patch to patch, as much as the scan says."""
         for number in range(len(self.data)):
             model = self.model(self.x, number)
-            predicted, body = self.prediction(self.x, number, model), model.drawing
-            lengths = [model.project(replace(body, shapes=shapes)) for shapes in wood_patches(body)]
+            predicted = self.prediction(self.x, number, model)
+            # The patches of the drawing: moved corners may change their number.
+            lengths = [model.project(replace(self.board, shapes=shapes)) for shapes in wood_patches(self.board)]
             soft = self._softening(model, self._unscattered(predicted, self._primary(self.x, number, model)))
             rows = soft(model.gain * np.array(lengths))
             self.patches[number] = rows
