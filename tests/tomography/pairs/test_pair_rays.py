@@ -1,7 +1,5 @@
 """Frames of fixed pairs moved together, and the distance between the rays of two geometries."""
 
-import math
-
 import numpy as np
 import pytest
 from tests.support.exact_chords import Detector

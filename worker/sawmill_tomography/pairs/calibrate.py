@@ -13,6 +13,7 @@ from sawmill_tomography.pairs.fine import CORNERS, FRAMES, FineFit
 from sawmill_tomography.pairs.passages import PairData, moved_frames
 from sawmill_tomography.pairs.ray_errors import PairRays, PredictedRays, rigid_motion
 from sawmill_tomography.phantoms.phantom import Phantom
+from sawmill_tomography.statistics import robust_deviation
 from sawmill_vocabulary import (
     LARGEST_ASSUMED_LOG_RADIUS_MM,
     CellOrder,
@@ -26,6 +27,8 @@ from sawmill_vocabulary.pair_messages import PairMessage
 
 # Cells that are combined in the search for the poses, and in the first fit of all.
 COARSE, MIDDLE = 16, 4
+# Where the combined cells differ by less than this number of standard deviations of neighbouring cells is no board.
+LEAST_SHADOW = 5.0
 # A drawn corner's standard deviation where it is not stated, mm.
 CORNER_MM = 0.3
 # The order of the cells is certain beyond this number of standard deviations; places are suspect beyond that one.
@@ -115,12 +118,13 @@ def _check(task: PairsTask) -> None:
     if len(task.data) != len(task.scanner.pairs):
         raise GeometryError(f"the scanner has {len(task.scanner.pairs)} pairs, and the scan {len(task.data)}")
     for number, (one, pair) in enumerate(zip(task.data, task.scanner.pairs, strict=True), 1):
-        if one.cells.count != pair.num_detector_pixels:
+        cells = one.lines.shape[-1]
+        if cells != pair.num_detector_pixels:
             raise GeometryError(
-                f"pair {number} has {one.cells.count} cells in its scan, and num_detector_pixels is "
-                f"{pair.num_detector_pixels}"
+                f"pair {number} has {cells} cells in its scan, and num_detector_pixels is {pair.num_detector_pixels}"
             )
-        if not (np.ptp(one.lines, axis=-1) > 0.0).all():
+        shadows = np.ptp(one.binned(COARSE).lines, axis=-1)
+        if not (shadows > LEAST_SHADOW * robust_deviation(np.diff(one.lines))).all():
             raise GeometryError(f"pair {number} sees nothing of the board in one of its passages")
 
 
