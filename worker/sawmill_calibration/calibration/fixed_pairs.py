@@ -21,6 +21,7 @@ from sawmill_tomography.calibration.phantom_rows import LEAST_SHADOW, segments
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.pairs.calibrate import FoundPair, FoundPairs, PairsTask, calibrate_pairs
 from sawmill_tomography.pairs.passages import PairData
+from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.projection.analytic import DetectorCells
 from sawmill_tomography.statistics import robust_deviation
 from sawmill_vocabulary import DataKind, Handedness, PairedScanner, Progress, ProgressCallback
@@ -82,7 +83,7 @@ def calibrate_fixed_pairs(
             opened = open_rows(
                 ScanSource(Path(path), wanted, turns=False),
                 source_to_cor_mm=pair.source_distance_mm,
-                on_progress=_part_of(on_progress, number, len(scans)),
+                on_progress=_part_of(on_progress, 0.5 * number / len(scans), 0.5 * (number + 1) / len(scans)),
             )
             rows = files.enter_context(opened)
             stack = rows.stack()
@@ -90,8 +91,12 @@ def calibrate_fixed_pairs(
             own = board_rows(stack)
             stacks.append((stack[:, own], rows))
             ranges.append((own.start, own.stop))
+        # Where every file shows the board's beginning, heights count from there; else the pairs' stated offsets hold.
+        begins = all(first > 1 for first, _ in ranges)
         lines = [
-            _data_of(stack, rows, first, DetectorCells.of(pair.scanner), pair.feed_offset_mm)
+            _data_of(stack, rows, DetectorCells.of(pair.scanner), first=first, offset_mm=pair.feed_offset_mm)
+            if not begins
+            else _data_of(stack, rows, DetectorCells.of(pair.scanner))
             for (stack, rows), (first, _), pair in zip(stacks, ranges, given.pairs, strict=True)
         ]
         middle = float(np.mean([one.heights_mm.mean() for one in lines]))
@@ -105,12 +110,12 @@ def calibrate_fixed_pairs(
             chosen.scale_tolerance_percent,
             chosen.log_radius_mm,
         )
-        found = calibrate_pairs(task, on_progress=_part_of(on_progress, 1, 2))
-    return _result(found, ranges, drawing.name, chosen)
+        found = calibrate_pairs(task, on_progress=_part_of(on_progress, 0.5, 1.0))
+    return _result(found, ranges, task.board, chosen)
 
 
-def _part_of(report: ProgressCallback, number: int, parts: int) -> ProgressCallback:
-    return lambda progress: report(Progress(fraction=(number + progress.fraction) / parts / 2.0, stage=progress.stage))
+def _part_of(report: ProgressCallback, first: float, last: float) -> ProgressCallback:
+    return lambda progress: report(Progress(fraction=first + (last - first) * progress.fraction, stage=progress.stage))
 
 
 def _check_passages(stack: NDArray[np.float32], first: NDArray[np.float32], path: Path) -> None:
@@ -128,7 +133,7 @@ def board_rows(stack: NDArray[np.float32]) -> slice:
 
 
 def _data_of(
-    stack: NDArray[np.float32], rows: ScanRows, first: int, cells: DetectorCells, offset_mm: float
+    stack: NDArray[np.float32], rows: ScanRows, cells: DetectorCells, *, first: int = 0, offset_mm: float = 0.0
 ) -> PairData:
     """Return the means over groups of rows; without a pitch of the rows there is one group."""
     pitch = rows.scanner.row_pitch_mm
@@ -148,7 +153,7 @@ def bridged(lines: FloatArray) -> FloatArray:
 
 
 def _result(
-    found: FoundPairs, ranges: Sequence[tuple[int, int]], phantom: str, options: FixedPairsOptions
+    found: FoundPairs, ranges: Sequence[tuple[int, int]], board: Phantom, options: FixedPairsOptions
 ) -> FixedPairsResult:
     """Convert the answer of the science to the contract."""
     return FixedPairsResult(
@@ -164,7 +169,8 @@ def _result(
         corners_rms_mm=found.corners_mm,
         residual_percent=100.0 * found.left_share,
         log_radius_mm=found.radius_mm,
-        phantom=phantom,
+        phantom=board.name,
+        outline_mm=[line.tolist() for line in board.moved(*(-value for value in board.centroid_mm)).outlines()],
         options=options,
     )
 

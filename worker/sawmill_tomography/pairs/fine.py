@@ -48,7 +48,7 @@ OF_VIEW = (0.3, 0.02)
 # A traced drawing with more corners keeps its shape up to stretching and shearing.
 MOST_CORNERS = 24
 # A step that lowers the power by less, in variances of a sample, is the last.
-STEPS, CONVERGED = 20, 0.1
+STEPS, CONVERGED, ROUGHLY = 20, 0.1, 1e-3
 # Neighbouring cells whose residuals are compared.
 LAGS = 24
 
@@ -127,7 +127,9 @@ class FineFit:
         self.precision[self.layout.part(POSES)][:3] = HELD
         self.held = self.x.copy()
         self.lines = [one.lines.reshape(-1, one.cells.count) for one in data]
+        # What patches of wood add to the primary line integrals for each unit of their density, and to the prediction.
         self.patches = [np.zeros((0, *lines.shape)) for lines in self.lines]
+        self.patch_columns = [*self.patches]
         self.weights = [np.ones_like(lines) for lines in self.lines]
         self.shares = [np.zeros(one.cells.count) for one in data]
         self._of_densities = dict[int, FloatArray]()
@@ -218,9 +220,13 @@ class FineFit:
 
     def _halos(self, lines: FloatArray, number: int) -> FloatArray:
         """Return the intensities that scatter adds for each of its kinds, as a share of the cell's own."""
-        lost, width = -np.expm1(-lines), self.data[number].cells.width_mm
+        return np.asarray(self._spread(-np.expm1(-lines), number) * np.exp(lines))
+
+    def _spread(self, lost: FloatArray, number: int) -> FloatArray:
+        """Return where intensity that is lost in the cells (..., cells) is scattered to, (kinds, ..., cells)."""
+        width = self.data[number].cells.width_mm
         halos = [halo(lost, round(math.sqrt(6.0) * one / width)) for one in HALOS_MM]
-        return np.array([*halos, np.broadcast_to(lost.mean(axis=1, keepdims=True), lost.shape)]) * np.exp(lines)
+        return np.array([*halos, np.broadcast_to(lost.mean(axis=-1, keepdims=True), lost.shape)])
 
     def residual(self, x: FloatArray, number: int) -> FloatArray:
         """Return what one pair measured less its prediction, (views, cells)."""
@@ -267,8 +273,11 @@ class FineFit:
         layout, model = self.layout, self.model(x, number)
         predicted = self.prediction(x, number, model)
         rows, views, passages = model.deformations, len(model.gain), layout.passages
-        flat = self._unscattered(predicted, self._primary(x, number, model))
-        soft = self._softening(model, flat)
+        blurring, through = self._blurring(model), self._scattering(x, number, self._primary(x, number, model))
+
+        def soft(rows: FloatArray) -> FloatArray:
+            return through(blurring(rows))
+
         straight = self._straight(number, model)
         share = straight / self.longest[number]
         steeper = np.polynomial.polynomial.polyval(share, [0.0, *self._optics(x, number)[BENT] * [2.0, 3.0, 4.0]])
@@ -281,8 +290,9 @@ class FineFit:
         wood = soft(wood)
         corners = soft(chain * self._moved_corners(x, model))
         blurred = (self.prediction(self._changed(x, number, Term.BLUR, BLUR_STEP), number) - predicted) / BLUR_STEP
-        bent = flat * self._bent(number, straight)
-        optics = [blurred, flat * model.across, flat * model.across**2, *self._by_scatter(x, number, model), *bent]
+        across = np.stack([np.broadcast_to(row, predicted.shape) for row in (model.across, model.across**2)])
+        bent = through(np.concatenate([across, self._bent(number, straight)]))
+        optics = [blurred, *bent[:2], *self._by_scatter(x, number, model), *bent[2:]]
         gains = soft(np.stack([model.sharp - model.offset, np.ones_like(predicted)]))
         gains[0] *= self.attenuation[number] / model.gain
         of_views = (of_passage * gains).reshape(-1, *predicted.shape)
@@ -293,7 +303,7 @@ class FineFit:
             CORNERS: (0, corners),
         }
         parts |= {OPTICS: (OF_OPTICS * number, np.array(optics)), VIEWS: (len(of_views) * number, of_views)}
-        parts |= {PATCHES: (0, self.patches[number])}
+        parts |= {PATCHES: (0, self.patch_columns[number])}
         if layout.sloped:
             parts[SLOPES] = (0, heights * poses)
         places = [layout.part(part).start + first + np.arange(len(own)) for part, (first, own) in parts.items()]
@@ -330,20 +340,30 @@ class FineFit:
         added = np.tensordot(self._optics(x, number)[SCATTERED], halos, 1)
         return np.asarray(-halos / (1.0 + np.maximum(added, LEAST_ADDED)))
 
-    def _unscattered(self, predicted: FloatArray, primary: FloatArray) -> FloatArray:
-        """Return the part of the intensity that is not scattered, (views, cells)."""
-        return np.asarray(np.exp(predicted - primary))
+    def _scattering(self, x: FloatArray, number: int, primary: FloatArray) -> Callable[[FloatArray], FloatArray]:
+        """Return the map from changes of primary line integrals to changes of the prediction, to first order."""
+        scatter = self._optics(x, number)[SCATTERED]
+        if not scatter.any():
+            return np.asarray
+        own = np.exp(primary)
+        total = 1.0 + np.maximum(np.tensordot(scatter, self._halos(primary, number), 1), LEAST_ADDED)
 
-    def _softening(self, model: ScanModel, unscattered: FloatArray) -> Callable[[FloatArray], FloatArray]:
-        """Return the map from changes of sharp line integrals to changes of the prediction, to first order."""
+        def through(rows: FloatArray) -> FloatArray:
+            changed = np.tensordot(scatter, self._spread(rows / own, number), 1)
+            return np.asarray((rows - changed * own) / total)
+
+        return through
+
+    def _blurring(self, model: ScanModel) -> Callable[[FloatArray], FloatArray]:
+        """Return the map from changes of sharp line integrals to changes of blurred ones, to first order."""
+        if not model.taps.size:
+            return np.asarray
         before, after = (np.exp(-model.exposed), np.exp(model.blurred)) if self.from_counts else (1.0, 1.0)
 
-        def soft(rows: FloatArray) -> FloatArray:
-            if model.taps.size:
-                rows = scipy.ndimage.correlate1d(before * rows, model.taps, axis=-1, mode="reflect") * after
-            return np.asarray(rows * unscattered)
+        def blurred(rows: FloatArray) -> FloatArray:
+            return np.asarray(scipy.ndimage.correlate1d(before * rows, model.taps, axis=-1, mode="reflect") * after)
 
-        return soft
+        return blurred
 
     def system(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the normal matrix and the score of all unknowns, priors included."""
@@ -371,12 +391,15 @@ class FineFit:
         mixed = others[:, len(others) :]
         return np.block([[others[:, : len(others)], mixed], [mixed.T, self._of_densities[number]]])
 
-    def solve(self, steps: int = STEPS) -> bool:
-        """Take Gauss-Newton steps, damped where they do not lower the power; return whether they have converged."""
+    def solve(self, steps: int = STEPS, share: float = 0.0) -> bool:
+        """Take Gauss-Newton steps, damped where they do not lower the power; return whether they have converged.
+
+        A step that lowers the power by less than this share is the last, too.
+        """
         before, damping = self.power(self.x), 0.0
         for _ in range(steps):
             normal, score = self.system(self.x)
-            for _ in range(8):
+            for attempt in range(8):
                 there = self.x + self._step(normal, score, damping)
                 after = self.power(there) if possible(self.board, self._placed(there)) else math.inf
                 if after < before:
@@ -384,20 +407,20 @@ class FineFit:
                 damping = max(10.0 * damping, 1e-4)
             else:
                 return True
-            self.x, gained, before, damping = there, before - after, after, 0.1 * damping
-            if gained < CONVERGED:
+            self.x, gained, before, damping = there, before - after, after, damping * (0.1 if attempt == 0 else 1.0)
+            if gained < max(CONVERGED, share * before):
                 return True
         return False
 
-    def settle(self) -> bool:
+    def settle(self) -> None:
         """Fit with the board as it is drawn, then as it is."""
         own = self.precision
         self.precision = own.copy()
         self.precision[self.layout.part(WOOD).start : self.layout.part(CORNERS).stop] = HELD
-        self.solve(10)
+        self.solve(share=ROUGHLY)
         self.weigh()
         self.precision = own
-        return self.solve()
+        self.solve(share=ROUGHLY)
 
     def _step(self, normal: FloatArray, score: FloatArray, damping: float) -> FloatArray:
         """Return the step that solves the normal equations; sizes that cannot be negative end at 0 or more."""
@@ -429,12 +452,11 @@ class FineFit:
         """Let the wood's density vary from patch to patch, as much as the scan says."""
         for number in range(len(self.data)):
             model = self.model(self.x, number)
-            predicted = self.prediction(self.x, number, model)
+            through = self._scattering(self.x, number, self._primary(self.x, number, model))
             # The patches of the drawing: moved corners may change their number.
             lengths = [model.project(replace(self.board, shapes=shapes)) for shapes in wood_patches(self.board)]
-            soft = self._softening(model, self._unscattered(predicted, self._primary(self.x, number, model)))
-            rows = soft(model.gain * np.array(lengths))
-            self.patches[number] = rows
+            self.patches[number] = self._blurring(model)(model.gain * np.array(lengths))
+            self.patch_columns[number] = through(self.patches[number])
         self._of_densities = {}
         self.x[self.layout.part(PATCHES)] = 0.0
         normal, score = self.system(self.x)
