@@ -23,7 +23,7 @@ def fit() -> FineFit:
         own += size * rng.uniform(0.3, 1.0, own.size)
     fit.x[fit.layout.part(WOOD)][2:] = [2.0, 0.0, 0.0]  # rounded corners, mm^2; the columns take no slope into account
     optics = fit.x[fit.layout.part(OPTICS)].reshape(2, -1)
-    optics[:, 0], optics[:, SCATTERED] = 2.0, 0.001  # blur, cells^2
+    optics[:, 0], optics[:, SCATTERED] = 2.0, 0.005  # blur, cells^2
     fit.vary_densities()
     fit.x[fit.layout.part(PATCHES)] = rng.normal(0.0, 0.02, fit.layout.patches)
     return fit

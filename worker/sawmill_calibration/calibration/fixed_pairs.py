@@ -23,13 +23,12 @@ from sawmill_tomography.pairs.calibrate import FoundPair, FoundPairs, PairsTask,
 from sawmill_tomography.pairs.passages import PairData
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.projection.analytic import DetectorCells
-from sawmill_tomography.statistics import robust_deviation
 from sawmill_vocabulary import DataKind, Handedness, PairedScanner, Progress, ProgressCallback
 
 # Groups of rows along the feed that show how a board's pose changes, each of `FEWEST` rows or more.
 GROUPS, FEWEST = 3, 2
-# A cell beyond this number of standard deviations from the median of five cells, and this line integral, is dead.
-DEAD, LEAST_DEAD = 10.0, 0.05
+# A cell that is off the median of five cells by this share of the shadow in all rows is dead.
+DEAD = 0.25
 
 
 def read_paired_scanner(path: Path) -> PairedScanner:
@@ -145,11 +144,11 @@ def _data_of(
 
 
 def bridged(lines: FloatArray) -> FloatArray:
-    """Return line integrals (..., cells) with single dead cells replaced by the median of five cells."""
+    """Return line integrals (..., cells) with dead cells, the same in all rows, interpolated from their neighbours."""
     middle = scipy.ndimage.median_filter(lines, size=(1,) * (lines.ndim - 1) + (5,), mode="nearest")
-    off = np.abs(lines - middle)
-    spread = np.array([robust_deviation(row) for row in off.reshape(-1, off.shape[-1])]).reshape(*off.shape[:-1], 1)
-    return np.where(off > np.maximum(DEAD * spread, LEAST_DEAD), middle, lines)
+    off = np.abs(lines - middle) > DEAD * np.ptp(middle, axis=-1, keepdims=True)
+    dead, cells = off.reshape(-1, off.shape[-1]).all(axis=0), np.arange(off.shape[-1])
+    return np.apply_along_axis(lambda row: np.interp(cells, cells[~dead], row[~dead]), -1, lines)
 
 
 def _result(

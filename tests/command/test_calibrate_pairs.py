@@ -1,0 +1,147 @@
+"""`sawmill simulate --pairs` and `sawmill calibrate-pairs`, as a user has them."""
+
+import json
+import shutil
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from pydantic import TypeAdapter
+
+from sawmill_contracts.fixed_pairs import FixedPairsResult
+from sawmill_tomography.geometry.geometry import to_vector
+from sawmill_tomography.pairs.ray_errors import PairRays, pair_ray_error
+from sawmill_vocabulary import PairedScanner
+
+pytestmark = pytest.mark.slow
+
+FOUR = Path(__file__).parents[2] / "examples/fixed-pairs.json"
+BOARD = ("--data", "counts", "--phantom", "l-shape")
+LAID = ("--rows", 20, "--places-off-mm", 20)
+
+
+def files(first: Path, pairs: int) -> list[Path]:
+    return [first.with_name(f"{first.stem}-{number}.h5") for number in range(1, pairs + 1)]
+
+
+def rays_off_mm(result: FixedPairsResult, true: Path) -> float:
+    scanner = TypeAdapter(PairedScanner).validate_json(true.read_text())
+    frames, found = (
+        np.array([*map(to_vector, each)])
+        for each in ([pair.frame for pair in scanner.pairs], [pair.source_frame for pair in result.pairs])
+    )
+    rays = PairRays([pair.scanner for pair in scanner.pairs], frames, result.log_radius_mm)
+    return pair_ray_error(rays, found).rms_mm
+
+
+@pytest.fixture(scope="module")
+def two(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two pairs of the example, with half as many cells."""
+    path = tmp_path_factory.mktemp("pairs") / "two.json"
+    pairs = json.loads(FOUR.read_text())["pairs"][::2]
+    path.write_text(
+        json.dumps({"pairs": [pair | {"num_detector_pixels": 384, "detector_pitch_mm": 2.4} for pair in pairs]})
+    )
+    return path
+
+
+@pytest.fixture(scope="module")
+def passed(run, two) -> list[Path]:
+    """Two passages through the two pairs."""
+    run("simulate", "l-shape", "--pairs", two, *LAID, "--passages", 2, "-o", two.with_name("board.h5"))
+    return files(two.with_name("board.h5"), 2)
+
+
+def test_a_simulated_scanner_of_four_pairs_is_calibrated_as_it_truly_stands(run, tmp_path):
+    run("simulate", "l-shape", "--pairs", FOUR, "--passages", 2, *LAID, "-o", tmp_path / "board.h5")
+    answer = run("calibrate-pairs", FOUR, *files(tmp_path / "board.h5", 4), *BOARD, "--json").stdout
+    result = FixedPairsResult.model_validate_json(answer)
+    assert (result.verdict, result.reasons, result.phantom) == ("pass", [], "L-shape")
+    assert rays_off_mm(result, tmp_path / "board-true.json") < result.upper_95_mm < result.options.tolerance_mm
+    assert len(result.pairs) == len(result.rows) == 4
+    assert all(0 <= first < last <= 20 for first, last in result.rows)
+    assert max(pair.upper_95_mm for pair in result.pairs) < 2.0 * result.upper_95_mm
+
+
+@pytest.fixture
+def with_dead_cells(run, two, tmp_path):
+    """Passages through two detectors, each with three cells that are dead since the flat fields."""
+
+    def made(passages: int) -> list[Path]:
+        (tmp_path / "physics.json").write_text('{"detector": {"dead_cells": 3}}')
+        flags = ("--pairs", two, *LAID, "--passages", passages, "--physics", tmp_path / "physics.json", "--seed", 3)
+        run("simulate", "l-shape", *flags, "-o", tmp_path / "dead.h5")
+        with h5py.File(tmp_path / "dead-1.h5") as file:
+            detector = file["entry/instrument/detector"]
+            shown = detector["data"][()][detector["image_key"][()] == 0]
+        assert (shown == shown.min()).all(axis=(0, 1)).sum() == 3
+        return files(tmp_path / "dead.h5", 2)
+
+    return made
+
+
+def test_one_passage_is_watched_with_the_remedy_and_dead_cells_do_no_harm(run, two, tmp_path, with_dead_cells):
+    answer = run("calibrate-pairs", two, *with_dead_cells(1), *BOARD, "--json").stdout
+    result = FixedPairsResult.model_validate_json(answer)
+    assert rays_off_mm(result, tmp_path / "dead-true.json") < result.upper_95_mm < 0.5
+    assert result.verdict == "watch"
+    assert "Roll the board by about a quarter of a turn and pass it again" in result.reasons[0]
+
+
+def test_the_table_of_two_passages_passes_and_dead_cells_do_no_harm(run, two, with_dead_cells):
+    shown = " ".join(run("calibrate-pairs", two, *with_dead_cells(2), *BOARD).stdout.split())
+    assert "2 pairs with L-shape: pass" in shown
+    assert "Board in 2 passages" in shown
+
+
+@pytest.mark.parametrize(
+    ("changed", "sentence"),
+    [
+        ({"pairs": 1}, "changed.json is no scanner of fixed pairs: pairs: Tuple should have at least 2 items"),
+        ({"speed": 3}, "changed.json is no scanner of fixed pairs: speed: Extra inputs are not permitted"),
+        ({"source_to_detector_mm": 700}, "source_to_detector_mm 700 must be larger than source_distance_mm 860"),
+        ({"num_detector_pixels": 300}, "pair 1 has 384 cells in its scan, and num_detector_pixels is 300"),
+    ],
+)
+def test_a_scanner_that_cannot_be_is_refused_in_one_sentence(failure, two, passed, changed, sentence):
+    scanner = json.loads(two.read_text())
+    if "pairs" in changed:
+        scanner["pairs"] = scanner["pairs"][:1]
+    elif "speed" in changed:
+        scanner |= changed
+    else:
+        scanner["pairs"][0] |= changed
+    path = two.with_name("changed.json")
+    path.write_text(json.dumps(scanner))
+    refusal = failure("calibrate-pairs", path, *passed, *BOARD)
+    assert sentence in refusal["detail"]
+    assert "\n" not in refusal["detail"]
+
+
+def test_files_that_do_not_belong_together_are_refused(run, failure, two, passed, tmp_path):
+    one = failure("calibrate-pairs", two, passed[0], *BOARD)
+    assert one["detail"] == "the scanner has 2 pairs: give a file for each, not 1"
+    run("simulate", "l-shape", "--pairs", two, "--rows", 2, "--passages", 1, "-o", tmp_path / "once.h5")
+    other = failure("calibrate-pairs", two, passed[0], tmp_path / "once-2.h5", *BOARD)
+    assert other["detail"] == "once-2.h5 has 1 passages, and the file before 2"
+    assert one["code"] == other["code"] == "fixed-pairs"
+
+
+def test_a_passage_of_air_is_refused(failure, two, passed, tmp_path):
+    air = Path(shutil.copy(passed[1], tmp_path / "air.h5"))
+    with h5py.File(air, "r+") as file:
+        detector = file["entry/instrument/detector"]
+        frames, key = detector["data"][()], detector["image_key"][()]
+        level = frames[key == 1].mean(axis=0)
+        frames[key == 0] = np.random.default_rng(1).poisson(level, frames[key == 0].shape)
+        detector["data"][...] = frames
+    refusal = failure("calibrate-pairs", two, passed[0], air, *BOARD)
+    assert refusal["detail"].startswith("pair 2 sees nothing of the board in one of its passages")
+
+
+def test_passages_of_a_log_and_a_turning_scan_too_are_wrong_use(wrong_use, two, tmp_path):
+    of = ("--pairs", two, "-o", tmp_path / "out.h5")
+    assert "--pairs passes a phantom, not 'log'" in wrong_use("simulate", "log", *of)
+    assert "one of them, not both" in wrong_use("simulate", "l-shape", *of, "--theta", "0,700,0,0,0")
+    assert "'--theta' or '--pairs'" in wrong_use("simulate", "l-shape", "-o", tmp_path / "out.h5")
