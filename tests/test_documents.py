@@ -26,6 +26,7 @@ from sawmill_formats.input.reading import reading_scan
 from sawmill_tomography.geometry.geometry import Scanner, SourceFrame
 from sawmill_tomography.geometry.ray_error import ray_error
 from sawmill_tomography.reconstruction.choosing import EXPECTED_ERRORS, VIEWS, seconds_a_slice
+from sawmill_vocabulary import PairedScanner
 from sawmill_vocabulary.physics import Physics
 from sawmill_worker.commands.geometry_options import theta_of
 
@@ -290,7 +291,7 @@ def test_the_generated_pages_are_current(name):
 
 
 def test_the_example_inputs_are_valid():
-    contracts = {"bad-day": Physics, "scanner": ScannerSpec, "schedule": ScheduleSpec}
+    contracts = {"bad-day": Physics, "fixed-pairs": PairedScanner, "scanner": ScannerSpec, "schedule": ScheduleSpec}
     contracts |= dict.fromkeys(("phantom-measured", "phantom-tee"), PhantomDrawing)
     files = {path.stem: path for path in (ROOT / "examples").glob("*.json")}
     assert files.keys() == contracts.keys()

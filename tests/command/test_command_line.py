@@ -69,7 +69,7 @@ def test_all_that_is_missing_is_named_at_once_with_arguments_choices_and_what_a_
 @pytest.mark.parametrize(
     ("line", "suggestion"),
     [
-        (("calibrat",), "Did you mean 'calibrate'?"),
+        (("calibrat",), "Did you mean 'calibrate', 'calibrate-pairs'?"),
         (("phantom", "darw"), "Did you mean 'draw'?"),
         (("calibrate", "scan.h5", "--dta", "counts"), "--data"),
         (("serve", "--prot", "80"), "--port"),

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from fixed_pairs import GROUPS, KINDS, PHOTONS, ROW_PITCH_MM, ROWS, body, data_of, machine, passages
+from fixed_pairs import KINDS, PHOTONS, ROW_PITCH_MM, ROWS, body, data_of, machine, passages
 
 from sawmill_tomography.geometry.geometry import FloatArray, to_vector
 from sawmill_tomography.pairs.calibrate import FoundPairs, PairsTask, calibrate_pairs
@@ -35,26 +35,18 @@ class PassedBoard:
 
     def of_all_rows(self) -> "PassedBoard":
         """The means over all rows, which cost a third."""
-        means = [
-            replace(one, lines=one.lines.mean(axis=1, keepdims=True), heights_mm=one.heights_mm.mean(keepdims=True))
-            for one in self.data
-        ]
-        assert all(one.lines.shape[1] == GROUPS for one in self.data)
-        return replace(self, data=means)
+        return replace(self, data=[one.binned(1) for one in self.data])
 
 
 def passed_board(kind: str, pairs: int, count: int, seed: int, *of_pairs: dict[str, Any]) -> PassedBoard:
-    """Simulate passages with the physics of this kind; `of_pairs` changes the first pairs."""
+    """Simulate passages with the physics of this kind; `of_pairs` has other fields of each pair."""
     rng = np.random.default_rng(seed)
     physics, corners_mm, slopes = KINDS[kind]
     scanner, true = machine(pairs, rng)
-    changes = [*of_pairs, *[dict[str, Any]()] * (pairs - len(of_pairs))]
-    scanner = PairedScanner(
-        tuple(
-            replace(pair, num_detector_pixels=384, detector_pitch_mm=2.4, **change)
-            for pair, change in zip(scanner.pairs, changes, strict=True)
-        )
-    )
+    changes = of_pairs or [dict[str, Any]()] * pairs
+    fewer = {"num_detector_pixels": 384, "detector_pitch_mm": 2.4}
+    changed = [replace(pair, **fewer, **change) for pair, change in zip(scanner.pairs, changes, strict=True)]
+    scanner = PairedScanner(tuple(changed))
     (drawing, made), lies = body(corners_mm, rng), passages(count, slopes, rng)
     about = {"rows": ROWS, "row_pitch_mm": ROW_PITCH_MM, "photons": PHOTONS, "seed": seed}
     passed = simulate_passages(made, scanner, true, lies, physics, **about)

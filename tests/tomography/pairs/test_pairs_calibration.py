@@ -1,13 +1,10 @@
 """Machines of fixed pairs that are calibrated from passages of a board, whose poses are not known."""
 
-from collections import Counter
-
 import numpy as np
 import pytest
 from fixed_pairs import KINDS, TOLERANCE_MM, outcome
 from passed_boards import passed_board
 
-from sawmill_tomography.geometry.geometry import GeometryError
 from sawmill_tomography.pairs.calibrate import CERTAIN
 from sawmill_vocabulary import CellOrder
 
@@ -31,13 +28,6 @@ def test_two_passages_give_rays_within_a_tenth_of_a_millimetre_a_bound_that_hold
 
 
 @pytest.mark.slow
-def test_one_passage_is_watched_and_asks_for_another_roll():
-    found, error_mm = passed_board("beam and detector", 2, 1, 8).calibrated()
-    assert error_mm < found.rays.upper_95_mm
-    assert (found.verdict, codes(found)[0]) == ("watch", "roll-again")
-
-
-@pytest.mark.slow
 def test_a_detector_that_is_read_backwards_is_found_and_named_with_its_certainty():
     passed = passed_board("beam and detector", 2, 2, 4, {}, {"cell_order": CellOrder.CLOCKWISE})
     found, error_mm = passed.calibrated(cell_order=None)
@@ -50,8 +40,7 @@ def test_a_detector_that_is_read_backwards_is_found_and_named_with_its_certainty
 @pytest.mark.slow
 def test_a_board_that_is_seen_from_the_other_side_fails():
     found, _ = passed_board("beam and detector", 2, 2, 6).of_all_rows().calibrated(mirrored=True)
-    assert found.verdict == "fail"
-    assert codes(found)[0] == "pairs-no-fit"
+    assert (found.verdict, codes(found)[0]) == ("fail", "pairs-no-fit")
 
 
 @pytest.mark.slow
@@ -60,25 +49,13 @@ def test_pairs_apart_along_the_feed_see_a_sloped_board_at_their_own_heights():
     passed = passed_board("slopes and twist", 4, 2, 9, *places)
     found, error_mm = passed.calibrated()  # 0.4 mm where all heights are taken as the same
     assert error_mm < found.rays.upper_95_mm < TOLERANCE_MM
-    assert found.verdict == "pass"
-
-
-def test_a_pair_that_sees_air_and_cells_that_are_not_the_scanners_are_refused():
-    passed = passed_board("counts alone", 2, 2, 1)
-    with pytest.raises(GeometryError, match="pair 1 has 384 cells in its scan, and num_detector_pixels is 400"):
-        passed.calibrated(num_detector_pixels=400)
-    air = passed.data[1].lines[1]
-    air[:] = np.random.default_rng(2).normal(0.0, 0.005, air.shape)
-    with pytest.raises(GeometryError, match="pair 2 sees nothing of the board in one of its passages"):
-        passed.calibrated()
 
 
 @pytest.mark.nightly
 def test_bounds_of_thirty_machines_hold_and_no_pass_is_wrong():
     lines = [outcome(kind, number, 1 + number % 2, 52) for number in range(5) for kind in KINDS]
-    assert not any("refused" in line for line in lines)
     held = [line["error_mm"] <= line["upper_95_mm"] for line in lines]
-    wrong = [line for line in lines if line["verdict"] == "pass" and line["error_mm"] > TOLERANCE_MM]
+    errors_mm = [line["error_mm"] for line in lines if line["verdict"] == "pass"]
     assert np.mean(held) >= 0.9
-    assert wrong == []
-    assert Counter(line["verdict"] for line in lines if line["passages"] == 2)["pass"] > 6
+    assert len(errors_mm) > 6
+    assert max(errors_mm) < TOLERANCE_MM

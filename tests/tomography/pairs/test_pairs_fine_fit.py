@@ -15,10 +15,8 @@ def fit() -> FineFit:
     rng = np.random.default_rng(20)
     passed = passed_board("beam and detector", 2, 2, 20)
     poses = np.array([[*one.place_mm, one.roll_rad] for one in passed.lies])
-    placed = Placed(passed.frames, poses, 0.0)
-    fit = FineFit(passed.drawing, passed.data, placed, from_counts=True, corner_mm=0.3)
-    sizes = {SLOPES: 1e-3, WOOD: 1e-3, CORNERS: 0.3, OPTICS: 0.02, VIEWS: 0.02}
-    for part, size in sizes.items():
+    fit = FineFit(passed.drawing, passed.data, Placed(passed.frames, poses, 0.0), from_counts=True, corner_mm=0.3)
+    for part, size in {SLOPES: 1e-3, WOOD: 1e-3, CORNERS: 0.3, OPTICS: 0.02, VIEWS: 0.02}.items():
         own = fit.x[fit.layout.part(part)]
         own += size * rng.uniform(0.3, 1.0, own.size)
     fit.x[fit.layout.part(WOOD)][2:] = [2.0, 0.0, 0.0]  # rounded corners, mm^2; the columns take no slope into account
