@@ -203,6 +203,8 @@ def _fitted(
     fit.weigh()
     fit.vary_densities()
     fit.solve()
+    fit.let_knots_differ()
+    fit.solve()
     fit.temper()
     return fit, fit.solve()
 

@@ -399,7 +399,8 @@ class FineFit:
         before, damping = self.power(self.x), 0.0
         for _ in range(steps):
             normal, score = self.system(self.x)
-            for attempt in range(8):
+            whole = damping
+            for _ in range(8):
                 there = self.x + self._step(normal, score, damping)
                 after = self.power(there) if possible(self.board, self._placed(there)) else math.inf
                 if after < before:
@@ -407,7 +408,7 @@ class FineFit:
                 damping = max(10.0 * damping, 1e-4)
             else:
                 return True
-            self.x, gained, before, damping = there, before - after, after, damping * (0.1 if attempt == 0 else 1.0)
+            self.x, gained, before, damping = there, before - after, after, damping * (0.1 if damping == whole else 1.0)
             if gained < max(CONVERGED, share * before):
                 return True
         return False
@@ -464,6 +465,12 @@ class FineFit:
         taken = normal[patches, others] @ scaled_inverse(normal[others, others])
         left, seen = normal[patches, patches] - taken @ normal[others, patches], score[patches] - taken @ score[others]
         self.precision[patches] = 1.0 / max(variation(left, seen, 1.0).deviation, LEAST_VARIATION) ** 2
+
+    def let_knots_differ(self) -> None:
+        """Let single patches differ more than the others, as knots do: densities have the tails of a Cauchy's."""
+        densities = self.x[self.layout.part(PATCHES)]
+        scale = max(robust_deviation(densities), LEAST_VARIATION)
+        self.precision[self.layout.part(PATCHES)] = 2.0 / (scale**2 + densities**2)
 
     def share_left(self) -> float:
         """Return the RMS of the residual as a share of the RMS of the shadows."""
