@@ -69,6 +69,9 @@ class FixedPairsResult(Contract):
     rows: list[tuple[int, int]] = Field(description="Rows of each pair that show the board: first, after the last.")
     corners_rms_mm: float = Field(description="By how much the drawing's corners were found to be off, RMS, mm.")
     residual_percent: float = Field(description="RMS of what the fit leaves, as a share of the shadow's RMS.")
+    outline_mm: list[list[tuple[float, float]]] = Field(
+        description="Outlines of the board about its middle, from the side that is seen, as drawn."
+    )
     log_radius_mm: float = Field(description="Radius of the disc in which ray errors count, mm.")
     phantom: str = Field(description="Name of the drawing.")
     options: FixedPairsOptions = Field(description="The options.")

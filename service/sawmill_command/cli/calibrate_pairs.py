@@ -21,6 +21,10 @@ PairScans = typer.Argument(
     metavar="SCAN...", exists=True, help="A file for each pair, in their order: views are passages, rows the feed."
 )
 
+ReportFlag = typer.Option(
+    metavar="OUT.png", dir_okay=False, callback=shared.writable, help="Draw the ring of pairs with the error of each."
+)
+
 
 @app.command(cls=Command)
 @from_contracts
@@ -31,6 +35,7 @@ def calibrate_pairs(
     phantom: PhantomText,
     options: Annotated[FixedPairsOptions, Flags()],
     phantom_width_mm: PhantomWidth = None,
+    report: Annotated[Path | None, ReportFlag] = None,
     as_json: shared.JsonFlag = False,
 ) -> None:
     """Find the geometry of all pairs of a scanner of fixed pairs, from passages of one board."""
@@ -41,6 +46,10 @@ def calibrate_pairs(
 
         drawing = drawing_of(phantom, phantom_width_mm)
         result = calibrate_fixed_pairs(scans, pairs, drawing, data=data, options=options, on_progress=progress)
+    if report is not None:
+        from sawmill_calibration.pictures.ring_of_pairs import ring_png
+
+        report.write_bytes(ring_png(result))
     if as_json:
         print_json(result.model_dump(mode="json"))
     else:

@@ -85,7 +85,7 @@ def calibrate_fixed_pairs(
             opened = open_rows(
                 ScanSource(Path(path), wanted, turns=False),
                 source_to_cor_mm=pair.source_distance_mm,
-                on_progress=_part_of(on_progress, number, len(scans)),
+                on_progress=_part_of(on_progress, 0.5 * number / len(scans), 0.5 * (number + 1) / len(scans)),
             )
             rows = files.enter_context(opened)
             stack = rows.stack()
@@ -108,12 +108,12 @@ def calibrate_fixed_pairs(
             chosen.scale_tolerance_percent,
             chosen.log_radius_mm,
         )
-        found = calibrate_pairs(task, on_progress=_part_of(on_progress, 1, 2))
-    return _result(found, ranges, drawing.name, chosen)
+        found = calibrate_pairs(task, on_progress=_part_of(on_progress, 0.5, 1.0))
+    return _result(found, ranges, task.board, chosen)
 
 
-def _part_of(report: ProgressCallback, number: int, parts: int) -> ProgressCallback:
-    return lambda progress: report(Progress(fraction=(number + progress.fraction) / parts / 2.0, stage=progress.stage))
+def _part_of(report: ProgressCallback, first: float, last: float) -> ProgressCallback:
+    return lambda progress: report(Progress(fraction=first + (last - first) * progress.fraction, stage=progress.stage))
 
 
 def _check_passages(stack: NDArray[np.float32], first: NDArray[np.float32], path: Path) -> None:
@@ -151,7 +151,7 @@ def bridged(lines: FloatArray) -> FloatArray:
 
 
 def _result(
-    found: FoundPairs, ranges: Sequence[tuple[int, int]], phantom: str, options: FixedPairsOptions
+    found: FoundPairs, ranges: Sequence[tuple[int, int]], board: Phantom, options: FixedPairsOptions
 ) -> FixedPairsResult:
     """Convert the answer of the science to the contract."""
     return FixedPairsResult(
@@ -167,7 +167,8 @@ def _result(
         corners_rms_mm=found.corners_mm,
         residual_percent=100.0 * found.left_share,
         log_radius_mm=found.radius_mm,
-        phantom=phantom,
+        phantom=board.name,
+        outline_mm=[line.tolist() for line in board.moved(*(-value for value in board.centroid_mm)).outlines()],
         options=options,
     )
 

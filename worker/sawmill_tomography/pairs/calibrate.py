@@ -31,7 +31,8 @@ CORNER_MM = 0.3
 # The order of the cells is certain beyond this number of standard deviations; places are suspect beyond that one.
 CERTAIN, FAR = 5.0, 4.0
 # Rolls that differ by less count as alike, degrees; a share of the shadow above this is no fit.
-ALIKE_DEG, NO_FIT = 15.0, 0.05
+# The other side fits better where it leaves less than that part.
+ALIKE_DEG, NO_FIT, BETTER = 15.0, 0.05, 0.5
 TWO_SIDED_95 = 1.96
 PARAMETERS = ("angle", "source distance", "source to detector", "column of the centre", "tilt")
 
@@ -102,6 +103,9 @@ def calibrate_pairs(task: PairsTask, *, on_progress: ProgressCallback = lambda _
     nominal = _nominal(task.scanner)
     on_progress(Progress(fraction=0.05, stage="start"))
     orders, several = _ordered(board, task, nominal)
+    if orders.left_share > NO_FIT:
+        other, _ = _ordered(board.mirrored(), task, nominal)
+        orders = replace(orders, other_share=other.left_share)
     data = [one.reversed if turned else one for one, turned in zip(task.data, orders.reversed, strict=True)]
     on_progress(Progress(fraction=0.3, stage="fit"))
     fit, converged = _fitted(board, data, several, nominal, task, seed)
@@ -138,6 +142,8 @@ class _Orders:
 
     reversed: tuple[bool, ...]
     deviations: tuple[float | None, ...]
+    left_share: float  # share of the shadow that the start leaves, and that it leaves of the board from its other side
+    other_share: float | None = None
 
 
 def _ordered(board: Phantom, task: PairsTask, nominal: Nominal) -> tuple[_Orders, list[Placed]]:
@@ -168,7 +174,7 @@ def _ordered(board: Phantom, task: PairsTask, nominal: Nominal) -> tuple[_Orders
         math.sqrt(max(fitted(_flipped(best, (number,))).power - start.power, 0.0) / unit) if number in unknown else None
         for number in range(len(best))
     )
-    return _Orders(best, deviations), tried[best]
+    return _Orders(best, deviations, _share_left(coarse, start)), tried[best]
 
 
 def _flipped(turned: tuple[bool, ...], places: Sequence[int]) -> tuple[bool, ...]:
@@ -243,7 +249,7 @@ def _found(
         "pass",
         (),
     )
-    remarks = list(_remarks(task, found, nominal, converged=converged))
+    remarks = list(_remarks(task, found, nominal, orders.other_share, converged=converged))
     verdict: Verdict = min((degree for degree, _ in remarks), key=("fail", "watch", "pass").index, default="pass")
     order = sorted(remarks, key=lambda remark: ("fail", "watch", "pass").index(remark[0]))
     return replace(found, verdict=verdict, reasons=tuple(reason for _, reason in order))
@@ -259,13 +265,17 @@ def _moved_poses(poses: FloatArray, motion: FloatArray) -> FloatArray:
 
 
 def _remarks(
-    task: PairsTask, found: FoundPairs, nominal: Nominal, *, converged: bool
+    task: PairsTask, found: FoundPairs, nominal: Nominal, other_share: float | None, *, converged: bool
 ) -> Iterator[tuple[Verdict, Reason]]:
     """Say what is wrong or uncertain, with the verdict that follows."""
     if found.left_share > NO_FIT:
         shares = {"left_percent": 100.0 * found.left_share, "allowed_percent": 100.0 * NO_FIT}
         yield "fail", PairMessage.NO_FIT(**shares)
-    elif not converged:
+        if other_share is not None and other_share < BETTER * found.left_share:
+            sides = {"other_percent": 100.0 * other_share, "left_percent": 100.0 * found.left_share}
+            yield "fail", PairMessage.OTHER_SIDE(**sides)
+        return
+    if not converged:
         yield "fail", PairMessage.NOT_CONVERGED()
     if found.rays.upper_95_mm > task.tolerance_mm:
         sizes = {"rms_mm": found.rays.rms_mm, "upper_mm": found.rays.upper_95_mm, "allowed_mm": task.tolerance_mm}

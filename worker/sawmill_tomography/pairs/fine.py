@@ -11,7 +11,6 @@ from functools import cached_property
 
 import numpy as np
 import scipy
-
 from numpy.typing import NDArray
 
 from sawmill_tomography.calibration.covariance import scaled_inverse
