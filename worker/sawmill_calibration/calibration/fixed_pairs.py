@@ -93,8 +93,12 @@ def calibrate_fixed_pairs(
             own = board_rows(stack)
             stacks.append((stack[:, own], rows))
             ranges.append((own.start, own.stop))
+        # Where every file shows the board's beginning, heights count from there; else the pairs' stated offsets hold.
+        begins = all(first > 1 for first, _ in ranges)
         lines = [
-            _data_of(stack, rows, first, DetectorCells.of(pair.scanner), pair.feed_offset_mm)
+            _data_of(stack, rows, DetectorCells.of(pair.scanner), first=first, offset_mm=pair.feed_offset_mm)
+            if not begins
+            else _data_of(stack, rows, DetectorCells.of(pair.scanner))
             for (stack, rows), (first, _), pair in zip(stacks, ranges, given.pairs, strict=True)
         ]
         middle = float(np.mean([one.heights_mm.mean() for one in lines]))
@@ -131,7 +135,7 @@ def board_rows(stack: NDArray[np.float32]) -> slice:
 
 
 def _data_of(
-    stack: NDArray[np.float32], rows: ScanRows, first: int, cells: DetectorCells, offset_mm: float
+    stack: NDArray[np.float32], rows: ScanRows, cells: DetectorCells, *, first: int = 0, offset_mm: float = 0.0
 ) -> PairData:
     """Return the means over groups of rows; without a pitch of the rows there is one group."""
     pitch = rows.scanner.row_pitch_mm

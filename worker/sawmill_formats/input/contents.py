@@ -36,11 +36,12 @@ class Wanted:
     apart: frozenset[Path] = frozenset()  # files of a folder that are read apart, as fields
     axes: str | None = None  # names of the file's axes in their order, as an alternative to `transpose`
     similar: frozenset[FieldKind] = frozenset()
+    turns: bool = True  # False: the images are passages, of which one is enough
 
     @property
     def least_images(self) -> int:
         """Fewest images that can be meant."""
-        return 1 if self.fields else 3
+        return 3 if self.turns and not self.fields else 1
 
     def order(self, dimensions: int) -> tuple[int, ...] | None:
         """Return the file's axes in our order, or None where no order is given: `contradiction` for other axes."""

@@ -116,6 +116,7 @@ def reading_scan(
         counts=counts,
         dataset=dataset,
         deviations=averaged_rows is not None,
+        turns=turns,
         transpose=transpose,
         axes=axes,
         flats=flats,
@@ -144,6 +145,7 @@ def reading_contents(
     counts: bool = False,
     dataset: str | None = None,
     deviations: bool = False,
+    turns: bool = True,
     transpose: bool = False,
     axes: str | None = None,
     flats: Path | None = None,
@@ -165,7 +167,9 @@ def reading_contents(
     elsewhere = {FieldKind.FLATS: flats, FieldKind.DARKS: darks}
     similar = frozenset(kind for kind, file in elsewhere.items() if counts and file is None)
     apart = frozenset(file.resolve() for file in elsewhere.values() if file is not None)
-    selection = Wanted(dataset, deviations=deviations, transpose=transpose, apart=apart, axes=axes, similar=similar)
+    selection = Wanted(
+        dataset, deviations=deviations, transpose=transpose, apart=apart, axes=axes, similar=similar, turns=turns
+    )
     with ExitStack() as files:
         linked = LinkedFilesOnDisk(files) if follow_links else None
         bounds = replace(reading_bounds(free_bytes, max_bytes), linked=linked)
