@@ -150,7 +150,7 @@ def _ordered(board: Phantom, task: PairsTask, nominal: Nominal) -> tuple[_Orders
     """Find the order of the cells where it is not stated, and starts of the fit with it, the best first."""
     coarse = [one.binned(COARSE) for one in task.data]
     unknown = [number for number, pair in enumerate(task.scanner.pairs) if pair.cell_order is None]
-    stated = tuple(pair.cell_order is CellOrder.CLOCKWISE for pair in task.scanner.pairs)
+    stated = tuple(pair.cell_order is CellOrder.COUNTER_CLOCKWISE for pair in task.scanner.pairs)
     tried: dict[tuple[bool, ...], list[Placed]] = {}
 
     def fitted(turned: tuple[bool, ...]) -> Placed:
@@ -201,8 +201,9 @@ def _fitted(
     fit = fit.of_rows(data)
     fit.solve()
     fit.weigh()
-    fit.vary_densities()
-    fit.solve()
+    if fit.share_left() < NO_FIT:  # else the corners may be where the wood has another number of patches
+        fit.vary_densities()
+        fit.solve()
     fit.temper()
     return fit, fit.solve()
 
@@ -224,7 +225,7 @@ def _found(
     rays = PairRays(scanners, moved_frames(fit.placed.frames, motion.tolist()), radius)
     covariance = rays.without_motion(covariance, motion, fit.placed.frames)
     deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0)).reshape(-1, 5)
-    turned = [CellOrder.CLOCKWISE if back else CellOrder.COUNTER_CLOCKWISE for back in orders.reversed]
+    turned = [CellOrder.COUNTER_CLOCKWISE if back else CellOrder.CLOCKWISE for back in orders.reversed]
     pairs = tuple(
         FoundPair(
             SourceFrame.from_vector(rays.frames[number]),
@@ -290,7 +291,7 @@ def _remarks(
     for number, (pair, expected) in enumerate(zip(found.pairs, nominal.frames, strict=True), 1):
         if pair.order_deviations is not None and pair.order_deviations < CERTAIN:
             yield "watch", PairMessage.ORDER_UNCERTAIN(pair=number, deviations=pair.order_deviations)
-        elif pair.cell_order is CellOrder.CLOCKWISE and pair.order_deviations is not None:
+        elif pair.cell_order is CellOrder.COUNTER_CLOCKWISE and pair.order_deviations is not None:
             yield "pass", PairMessage.BACKWARDS(pair=number, deviations=pair.order_deviations)
         off = np.abs(to_vector(pair.frame) - expected) / nominal.deviations[number - 1]
         off[[0, 4]] = np.abs(np.remainder(to_vector(pair.frame) - expected + math.pi, 2.0 * math.pi) - math.pi)[[0, 4]]
