@@ -35,6 +35,7 @@ def ring_png(result: FixedPairsResult) -> bytes:
     ax.set_ylabel("x, mm")
     ax.invert_yaxis()
     ax.set_aspect("equal")
+    ax.margins(0.15)
     return encoded(figure)
 
 

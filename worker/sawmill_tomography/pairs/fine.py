@@ -454,7 +454,7 @@ class FineFit:
         for number in range(len(self.data)):
             model = self.model(self.x, number)
             body, through = model.drawing, self._scattering(self.x, number, self._primary(self.x, number, model))
-            lengths = [model.project(replace(body, shapes=shapes)) for shapes in wood_patches(body)]
+            lengths = [model.project(replace(body, shapes=shapes)) for shapes in wood_patches(self.board)]
             self.patches[number] = self._blurring(model)(model.gain * np.array(lengths))
             self.patch_columns[number] = through(self.patches[number])
         self._of_densities = {}

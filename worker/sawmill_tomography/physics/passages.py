@@ -82,7 +82,7 @@ def simulate_passages(
         fields = [converter.expose(np.full((FIELDS, cells), level), noise) for level in (photons, 0.0)]
         counts = spoil(exposed, converter, effects.detector, np.random.default_rng((seed, number, _SPOILT)))
         flats, darks = (field.astype(np.uint16) for field in fields)
-        way = -1 if pair.cell_order is CellOrder.CLOCKWISE else 1
+        way = -1 if pair.cell_order is CellOrder.COUNTER_CLOCKWISE else 1
         shape = len(passages), rows, cells
         passed.append(PassedPair(counts[:, ::way].reshape(shape), flats[:, ::way], darks[:, ::way]))
     return passed
