@@ -138,7 +138,7 @@ class FineFit:
         self.weigh()
 
     def _attenuation(self, number: int) -> float:
-        """Return the attenuation per mm of one pair, by regression of its lines on the board's lengths."""
+        """Return the attenuation per mm of one pair, by regression of the lines on the board's lengths."""
         self.attenuation = [1.0] * len(self.data)
         model = self.model(self.x, number).with_view_gains(self.weights[number])
         return float(np.median(model.gain))
@@ -214,12 +214,12 @@ class FineFit:
         return np.asarray((model.prediction - model.offset - slopes) * (self.attenuation[number] / model.gain))
 
     def _bent(self, number: int, straight: FloatArray) -> FloatArray:
-        """Return what hardening adds for each of its powers, (powers, views, cells)."""
+        """Return what hardening adds for each power, (powers, views, cells)."""
         share = straight / self.longest[number]
         return np.stack([straight * share, straight * share**2, straight * share**3])
 
     def _halos(self, lines: FloatArray, number: int) -> FloatArray:
-        """Return the intensities that scatter adds for each of its kinds, as a share of the cell's own."""
+        """Return the intensities that scatter adds for each kind, as a share of the cell's own."""
         return np.asarray(self._spread(-np.expm1(-lines), number) * np.exp(lines))
 
     def _spread(self, lost: FloatArray, number: int) -> FloatArray:
@@ -383,7 +383,7 @@ class FineFit:
         return np.asarray((rows * np.sqrt(self.weights[number])).sum(axis=-2))
 
     def _products(self, columns: FloatArray, number: int) -> FloatArray:
-        """Return the products (n, n) of columns (n, samples); those of the patches, the last, are made once."""
+        """Return the products (n, n) of columns (n, samples); products of the patches, the last columns, are made once."""
         patches = len(self.patches[number])
         if number not in self._of_densities:
             self._of_densities[number] = columns[len(columns) - patches :] @ columns[len(columns) - patches :].T

@@ -91,7 +91,7 @@ def simulate_passages(
 def _received(
     through: FloatArray, pitch_mm: float, effects: Physics, passages: int, seed: tuple[int, ...]
 ) -> FloatArray:
-    """Return the signals of all rows, (views, cells); the tube and the detector's lag start anew in each passage."""
+    """Return the signals of all rows, (views, cells); the tube and the detector's lag start again in each passage."""
     rng = np.random.default_rng(seed)
     parts = [
         signal(part, pitch_mm, effects, tube_output(len(part), effects, rng)) for part in np.split(through, passages)
