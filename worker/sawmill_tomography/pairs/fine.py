@@ -1,7 +1,7 @@
 """The fit of all cells: pairs, poses, the board as it is, and each pair's beam and detector.
 
 Everything that a scan may hide is an unknown with the size that it may have as prior, so that it is fitted where the
-scan shows it and widens the bound where it does not. Unknowns are the geometry, and what is listed here.
+scan shows it and widens the bound where it does not.
 """
 
 import math
@@ -27,11 +27,7 @@ from sawmill_tomography.statistics import robust_deviation
 
 # Unknowns of the board's wood, alike for all pairs, and of each pair: standard deviations of the priors.
 OF_WOOD = {Term.ASPECT: 3e-3, Term.SHEAR: 3e-3, Term.CORNERS: 9.0, Term.GRADIENT_X: 5e-4, Term.GRADIENT_Y: 5e-4}
-OF_PAIR = {
-    Term.BLUR: 2.0,
-    Term.SLOPE: 0.01,
-    Term.CURVATURE: 0.01,
-}
+OF_PAIR = {Term.BLUR: 2.0, Term.SLOPE: 0.01, Term.CURVATURE: 0.01}
 # Steps over which rounded corners, mm^2, blur, cells^2, and places of corners, mm, are differentiated.
 ROUND_STEP, BLUR_STEP, CORNER_STEP_MM = 1.0, 0.05, 0.05
 # Scatter of the intensity that wood takes out of the beam: halos with these standard deviations on the detector, and
@@ -48,7 +44,7 @@ OF_VIEW = (0.3, 0.02)
 # A traced drawing with more corners keeps its shape up to stretching and shearing.
 MOST_CORNERS = 24
 # A step that lowers the power by less, in variances of a sample, is the last.
-STEPS, CONVERGED, ROUGHLY = 20, 0.1, 1e-3
+STEPS, CONVERGED, ROUGHLY = 30, 0.1, 1e-3
 # Neighbouring cells whose residuals are compared.
 LAGS = 24
 
@@ -286,8 +282,7 @@ class FineFit:
         heights = np.tile(self.data[number].heights_mm, passages)[:, None]
         pose = soft(chain * by_pose(self._poses(x, number), rows[0], rows[5:7]))
         poses = (of_passage * pose).reshape(-1, *predicted.shape)
-        wood = np.stack([*(chain * [rows[10], rows[11], self._rounding(model)]), *(chain * rows[8:10])])
-        wood = soft(wood)
+        wood = soft(chain * np.stack([rows[10], rows[11], self._rounding(model), rows[8], rows[9]]))
         corners = soft(chain * self._moved_corners(x, model))
         blurred = (self.prediction(self._changed(x, number, Term.BLUR, BLUR_STEP), number) - predicted) / BLUR_STEP
         across = np.stack([np.broadcast_to(row, predicted.shape) for row in (model.across, model.across**2)])
@@ -303,9 +298,9 @@ class FineFit:
             CORNERS: (0, corners),
         }
         parts |= {OPTICS: (OF_OPTICS * number, np.array(optics)), VIEWS: (len(of_views) * number, of_views)}
-        parts |= {PATCHES: (0, self.patch_columns[number])}
         if layout.sloped:
             parts[SLOPES] = (0, heights * poses)
+        parts[PATCHES] = (0, self.patch_columns[number])  # the last, as `_products` has them
         places = [layout.part(part).start + first + np.arange(len(own)) for part, (first, own) in parts.items()]
         root = np.sqrt(self.weights[number])
         columns = np.concatenate([own for _, own in parts.values()])
@@ -383,7 +378,7 @@ class FineFit:
         return np.asarray((rows * np.sqrt(self.weights[number])).sum(axis=-2))
 
     def _products(self, columns: FloatArray, number: int) -> FloatArray:
-        """Return the products (n, n) of columns (n, samples); products of the patches, the last columns, are made once."""
+        """Return the products (n, n) of columns (n, samples); those of the last, the patches, are made once."""
         patches = len(self.patches[number])
         if number not in self._of_densities:
             self._of_densities[number] = columns[len(columns) - patches :] @ columns[len(columns) - patches :].T

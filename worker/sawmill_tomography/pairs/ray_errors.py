@@ -180,7 +180,7 @@ class PairRayError:
 
 
 def pair_ray_error(true: PairRays, frames: FloatArray) -> PairRayError:
-    """Compute the RMS distance between the true rays and the rays of other frames (pairs, 5), of all and of each pair."""
+    """Compute the RMS distance between true rays and rays of other frames (pairs, 5), of all and of each pair."""
     motion, scale = _nearest(true, frames, scaled=True)
     misses = true.distances(_placed(frames, motion, scale))
     own = [math.sqrt(float(np.mean(misses[true.of_pair == pair] ** 2))) for pair in range(len(frames))]
