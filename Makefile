@@ -163,6 +163,11 @@ study-poses: install-dev
 study-passages: install-dev
 	@$(BIN)/python benchmarks/passages.py $(OPTIONS)
 
+# Calibrations of random scanners of fixed pairs; continues where it stopped; an hour. OPTIONS: --machines N, --kind NAME,
+# --passages N, --out FILE, --write.
+study-pairs: install-dev
+	@$(BIN)/python benchmarks/fixed_pairs.py $(OPTIONS)
+
 # Numbers of the calibration that change nothing, each set aside in turn on 100 scans; hours. OPTIONS: --scans N,
 # --part N/M (one of M parts), --only NAME, --list.
 study-limits: install-dev

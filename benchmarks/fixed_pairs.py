@@ -67,7 +67,7 @@ def machine(pairs: int, rng: np.random.Generator) -> tuple[PairedScanner, list[S
             detector_pitch_mm=1.2,
             cor_column_mm=rng.uniform(-20.0, 20.0),
             detector_tilt_deg=rng.uniform(-3.0, 3.0),
-            cell_order=CellOrder.COUNTER_CLOCKWISE,
+            cell_order=CellOrder.CLOCKWISE,
         )
         nominal.append(pair)
         off = rng.standard_normal(5) * [math.radians(3.0), 20.0, 20.0, 20.0, math.radians(2.0)]

@@ -43,6 +43,7 @@ from sawmill_vocabulary.calibration_messages import CalibrationMessage, Residual
 from sawmill_vocabulary.image_messages import ImageMessage
 from sawmill_vocabulary.messages import Message
 from sawmill_vocabulary.movement_messages import LogMessage, MovementMessage
+from sawmill_vocabulary.pair_messages import PairMessage
 from sawmill_vocabulary.physics import Physics
 from sawmill_vocabulary.reading_messages import PreparingMessage, ReadingMessage
 from sawmill_vocabulary.scan_messages import AdjustmentMessage, EffectMessage
@@ -157,6 +158,7 @@ def code_rows(kinds: Iterable[ProblemType]) -> Iterator[tuple[str, str, str]]:
 
 MESSAGES: Mapping[str, Sequence[type[Message]]] = {
     "Verdict": (CalibrationMessage, ResidualMessage),
+    "Verdict on fixed pairs": (PairMessage,),
     "Adjustments: effects that are fitted": (EffectMessage,),
     "Adjustments: samples, cells, views": (AdjustmentMessage,),
     "Movements": (MovementMessage, LogMessage),

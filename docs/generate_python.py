@@ -17,11 +17,16 @@ from pydantic import BaseModel
 
 import sawmill_calibration
 from sawmill_contracts.calibrations import CalibrationOptions
+from sawmill_contracts.fixed_pairs import FixedPairsOptions
 from sawmill_contracts.reconstructions import ReconstructionOptions
 
 GROUPS = {
     "Read and simulate scans": ("read_scan", "simulate_phantom_scan", "simulate_log_scan", "Scan"),
     "Calibrate": ("calibrate", "read_calibration", "Calibration"),
+    "Calibrate a scanner of fixed pairs": (
+        *("calibrate_fixed_pairs", "PairedScanner", "FixedPair"),
+        *("FixedPairsResult", "CalibratedPair", "BoardPose"),
+    ),
     "Reconstruct": ("reconstruct", "Reconstruction"),
     "Check for drift": ("drift", "Drift"),
     "Geometry": ("Scanner", "Theta", "FanBeamGeometry", "FanViews", "read_views"),
@@ -29,7 +34,11 @@ GROUPS = {
     "Errors": ("InputError",),
 }
 OPTIONS: Mapping[str, type[BaseModel]] = MappingProxyType(
-    {"calibrate": CalibrationOptions, "reconstruct": ReconstructionOptions}
+    {
+        "calibrate": CalibrationOptions,
+        "calibrate_fixed_pairs": FixedPairsOptions,
+        "reconstruct": ReconstructionOptions,
+    }
 )
 
 INTRODUCTION = """# Python names
@@ -139,7 +148,7 @@ def _function(name: str, function: Any) -> Iterator[str]:  # noqa: ANN401 - any 
 def _class(name: str, public: type) -> Iterator[str]:
     docstring = Docstring.of(public)
     yield f"### Class {name}\n"
-    if name != "InputError" and name not in {"Calibration", "Reconstruction", "Drift"}:
+    if not issubclass(public, ValueError | BaseModel) and name not in {"Calibration", "Reconstruction", "Drift"}:
         yield f"```\n{signature(name, public)}\n```\n"
     yield _paragraph(" ".join(filter(None, (docstring.summary, docstring.more))))
     yield table(("attribute", "meaning"), attributes(public, docstring))
@@ -292,6 +301,8 @@ def attributes(public: type, docstring: Docstring) -> Iterator[tuple[str, str]]:
     described = (
         {each.name: each.metadata.get("description", "") for each in fields(public)} if is_dataclass(public) else {}
     )
+    if issubclass(public, BaseModel):
+        described = {each: field.description or "" for each, field in public.model_fields.items()}
     names = [name for name in described if name != "kind"]
     names += [entry.name for entry in docstring.sections.get("Attributes", ()) if entry.name not in names]
     for name in names:

@@ -219,6 +219,19 @@ def test_scans_are_simulated_as_their_page_has_it(tmp_path, monkeypatch, capsys)
     assert "The phantom moved at view 36, by 1.5 mm" in capsys.readouterr().out
 
 
+@pytest.mark.slow
+def test_fixed_pairs_are_calibrated_as_their_page_has_it(tmp_path, monkeypatch):
+    page = (ROOT / "docs/do/fixed-pairs.md").read_text()
+    monkeypatch.chdir(tmp_path)
+    simulated, calibrated = script(page).splitlines()
+    run_in_process(simulated)
+    answer = in_process(*shlex.split(calibrated)[1:])
+    assert "4 pairs with L-shape: pass" in answer
+    (said,) = blocks(page, "text")
+    assert " ".join(said.split()) in " ".join(answer.split())
+    assert (tmp_path / "ring.png").read_bytes().startswith(b"\x89PNG")
+
+
 def test_two_scans_are_packed_as_their_page_has_it(tmp_path, monkeypatch):
     page, given = script((ROOT / "docs/do/send-a-scan.md").read_text()), ("--theta", THETA_FLAG, "--views", 60)
     monkeypatch.chdir(tmp_path)
@@ -254,7 +267,7 @@ def test_every_shell_block_is_run_by_a_test():
         DEMO,
         FIRST_CALIBRATION,
         PHANTOM,
-        *(ROOT / f"docs/do/{name}.md" for name in ("export", "simulate", "send-a-scan")),
+        *(ROOT / f"docs/do/{name}.md" for name in ("export", "fixed-pairs", "simulate", "send-a-scan")),
     ]
     run += [ROOT / "docs/start/first-program.md"]  # by test_client_programs.py
     run += [ROOT / "docs/understand/measured.md"]  # by test_measured.py
@@ -291,7 +304,7 @@ def test_the_generated_pages_are_current(name):
 
 
 def test_the_example_inputs_are_valid():
-    contracts = {"bad-day": Physics, "fixed-pairs": PairedScanner, "scanner": ScannerSpec, "schedule": ScheduleSpec}
+    contracts = {"bad-day": Physics, "scanner": ScannerSpec, "schedule": ScheduleSpec, "fixed-pairs": PairedScanner}
     contracts |= dict.fromkeys(("phantom-measured", "phantom-tee"), PhantomDrawing)
     files = {path.stem: path for path in (ROOT / "examples").glob("*.json")}
     assert files.keys() == contracts.keys()

@@ -16,23 +16,30 @@ if TYPE_CHECKING:
         read_calibration,
         reconstruct,
     )
+    from sawmill_calibration.calibration.fixed_pairs import calibrate_fixed_pairs
     from sawmill_calibration.failures import InputError
     from sawmill_calibration.scans.scan import Scan, read_scan
     from sawmill_calibration.simulation import simulate_log_scan, simulate_phantom_scan
     from sawmill_calibration.view_vectors import read_views
+    from sawmill_contracts.fixed_pairs import BoardPose, CalibratedPair, FixedPairsResult
     from sawmill_tomography.geometry.geometry import FanBeamGeometry, FanViews
     from sawmill_tomography.phantoms.phantom import Phantom
-    from sawmill_vocabulary import Disc, Polygon, Scanner, Theta
+    from sawmill_vocabulary import Disc, FixedPair, PairedScanner, Polygon, Scanner, Theta
 
     __version__: str
 
 __all__ = [
+    "BoardPose",
+    "CalibratedPair",
     "Calibration",
     "Disc",
     "Drift",
     "FanBeamGeometry",
     "FanViews",
+    "FixedPair",
+    "FixedPairsResult",
     "InputError",
+    "PairedScanner",
     "Phantom",
     "Polygon",
     "Reconstruction",
@@ -40,6 +47,7 @@ __all__ = [
     "Scanner",
     "Theta",
     "calibrate",
+    "calibrate_fixed_pairs",
     "drift",
     "read_calibration",
     "read_scan",
@@ -55,13 +63,15 @@ _MODULES = {
         *("Calibration", "Drift", "Reconstruction"),
         *("calibrate", "drift", "read_calibration", "reconstruct"),
     ),
+    "sawmill_calibration.calibration.fixed_pairs": ("calibrate_fixed_pairs",),
     "sawmill_calibration.failures": ("InputError",),
     "sawmill_calibration.scans.scan": ("Scan", "read_scan"),
     "sawmill_calibration.simulation": ("simulate_log_scan", "simulate_phantom_scan"),
+    "sawmill_contracts.fixed_pairs": ("BoardPose", "CalibratedPair", "FixedPairsResult"),
     "sawmill_tomography.geometry.geometry": ("FanBeamGeometry", "FanViews"),
     "sawmill_calibration.view_vectors": ("read_views",),
     "sawmill_tomography.phantoms.phantom": ("Phantom",),
-    "sawmill_vocabulary": ("Disc", "Polygon", "Scanner", "Theta"),
+    "sawmill_vocabulary": ("Disc", "FixedPair", "PairedScanner", "Polygon", "Scanner", "Theta"),
 }
 _MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
 

@@ -176,7 +176,7 @@ def write_passages(
     """Simulate passages of a body through fixed pairs into a file of counts for each pair; return the files.
 
     The true places of the pairs are off the scanner's by `off_mm`, and by a tenth of as many degrees (standard
-    deviations); the file beside the scans, with `-true.json` at the end of its name, has them as a scanner.
+    deviations); a further file, whose name ends in `-true.json`, has them as a scanner.
     """
     rng = np.random.default_rng((seed, passages))
     spread = off_mm * np.array([math.radians(0.1), 1.0, 1.0, 1.0, math.radians(0.1)])

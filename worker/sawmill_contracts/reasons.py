@@ -11,6 +11,7 @@ from sawmill_vocabulary.calibration_messages import CalibrationMessage, Residual
 from sawmill_vocabulary.image_messages import ImageMessage
 from sawmill_vocabulary.messages import Message, Reason
 from sawmill_vocabulary.movement_messages import LogMessage, MovementMessage
+from sawmill_vocabulary.pair_messages import PairMessage
 from sawmill_vocabulary.reading_messages import PreparingMessage, ReadingMessage
 from sawmill_vocabulary.scan_messages import AdjustmentMessage, EffectMessage
 
@@ -64,6 +65,7 @@ class CodedReason(Contract):
 _ENUMS = (
     CalibrationMessage,
     ResidualMessage,
+    PairMessage,
     MovementMessage,
     LogMessage,
     EffectMessage,

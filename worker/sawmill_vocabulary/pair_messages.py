@@ -43,7 +43,7 @@ class PairMessage(Message):
     )
     BACKWARDS = (
         "pair-backwards",
-        N_("The cells of pair %(pair)d count clockwise."),
+        N_("The cells of pair %(pair)d count counter-clockwise."),
         "",
         N_("The other order is worse by %(deviations).0f standard deviations."),
     )

@@ -1,7 +1,7 @@
 """Calibration of a scanner of fixed pairs, as commands and Python users ask for it."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from sawmill_calibration.failures import input_errors_translated, read_json, refused
+from sawmill_calibration.failures import input_errors_translated, options_of, read_json, refused
 from sawmill_calibration.known_geometry import drawing_of, to_phantom
 from sawmill_calibration.scans.scan_rows import ScanRows, ScanSource, open_rows
 from sawmill_contracts.fixed_pairs import BoardPose, CalibratedPair, FixedPairsOptions, FixedPairsResult
@@ -40,35 +40,37 @@ def read_paired_scanner(path: Path) -> PairedScanner:
 def calibrate_fixed_pairs(
     scans: Sequence[str | Path],
     scanner: PairedScanner | str | Path,
-    phantom: PhantomDrawing | str | Path,
+    phantom: Phantom | PhantomDrawing | str | Path,
     *,
     data: DataKind | str = DataKind.COUNTS,
-    options: FixedPairsOptions | None = None,
+    options: FixedPairsOptions | Mapping[str, object] | None = None,
     on_progress: ProgressCallback = lambda _: None,
 ) -> FixedPairsResult:
-    """Calibrate a scanner of fixed pairs from passages of one board.
+    """Find the geometry of all pairs of a scanner of fixed pairs, as `sawmill calibrate-pairs` does.
 
     Parameters
     ----------
     scans : sequence of path
         A file for each pair, in the order of the scanner's: the views are the passages, the rows run along the feed.
-    scanner : PairedScanner or path
-        The nominal places of the pairs, or their JSON file.
-    phantom : PhantomDrawing, str or path
-        The board's drawing, or the name of a built-in one.
+    scanner : PairedScanner, str or Path
+        The nominal places of the pairs, or the path of their JSON file.
+    phantom : Phantom, str or Path
+        The board: a phantom, the name of a built-in one, or the path of a drawing (JSON).
     data : str
         Kind of the numbers, `counts` or `line-integrals`.
-    options : FixedPairsOptions, optional
-        Side of the board, tolerances.
+    options : dict, optional
+        The side of the board and the tolerances, listed in docs/look-up/python.md#options-of-calibrate_fixed_pairs.
+    on_progress : callable, optional
+        Called with an object that has the `fraction` of the work that is done, from 0 to 1, and its `stage`.
 
     Raises
     ------
-    InputError
-        A file, a scanner or a drawing that cannot be used; the message says what would be right.
+    ValueError
+        `InputError`: a file, a scanner, a drawing or an option cannot be used; the message says what would be right.
     """
     given = scanner if isinstance(scanner, PairedScanner) else read_paired_scanner(Path(scanner))
     drawing = phantom if isinstance(phantom, PhantomDrawing) else drawing_of(phantom)
-    chosen = options or FixedPairsOptions()
+    chosen = options_of(FixedPairsOptions, options or {})
     if len(scans) != len(given.pairs):
         raise refused(
             "fixed-pairs", f"the scanner has {len(given.pairs)} pairs: give a file for each, not {len(scans)}"
@@ -125,10 +127,12 @@ def _check_passages(stack: NDArray[np.float32], first: NDArray[np.float32], path
 def board_rows(stack: NDArray[np.float32]) -> slice:
     """Return the longest run of rows of a stack (passages, rows, cells) that shows one body, without its two ends."""
     depth = np.nanmean(np.nanstd(stack, axis=2), axis=0)
-    shown = [run for run in segments(stack) if depth[run].mean() > LEAST_SHADOW * float(np.nanmax(depth))]
-    run = shown[0]
-    inner = slice(run.start + 1, run.stop - 1)
-    return inner if run.stop - run.start > 2 + FEWEST * GROUPS and shown else run
+    shadowed = np.concatenate([[False], depth > LEAST_SHADOW * float(np.nanmax(depth)), [False]])
+    ends = np.flatnonzero(np.diff(shadowed.astype(int)))
+    first, last = max(zip(ends[::2].tolist(), ends[1::2].tolist(), strict=True), key=lambda run: run[1] - run[0])
+    own = segments(stack[:, first:last])[0]
+    cut = 1 if own.stop - own.start > 2 + FEWEST * GROUPS else 0
+    return slice(first + own.start + cut, first + own.stop - cut)
 
 
 def _data_of(

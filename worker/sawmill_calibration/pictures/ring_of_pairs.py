@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from sawmill_calibration.pictures.panels import encoded
 from sawmill_contracts.fixed_pairs import CalibratedPair, FixedPairsResult
 
-# Half the length of a detector in the drawing, as a share of its distance from the source.
+# Half the length of a detector in the drawing, as a share of the source's distance.
 DETECTOR = 0.25
 COLOURS = ("tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purple", "tab:brown")
 
@@ -35,6 +35,7 @@ def ring_png(result: FixedPairsResult) -> bytes:
     ax.set_ylabel("x, mm")
     ax.invert_yaxis()
     ax.set_aspect("equal")
+    ax.margins(0.15)
     return encoded(figure)
 
 

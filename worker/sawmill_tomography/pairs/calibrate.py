@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations, pairwise
+from itertools import combinations
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from sawmill_vocabulary import (
     Progress,
     ProgressCallback,
     Verdict,
+    angle_difference,
 )
 from sawmill_vocabulary.messages import Reason
 from sawmill_vocabulary.pair_messages import PairMessage
@@ -34,8 +35,7 @@ CORNER_MM = 0.3
 # The order of the cells is certain beyond this number of standard deviations; places are suspect beyond that one.
 CERTAIN, FAR = 5.0, 4.0
 # Rolls that differ by less count as alike, degrees; a share of the shadow above this is no fit.
-# The other side fits better where it leaves less than that part.
-ALIKE_DEG, NO_FIT, BETTER = 15.0, 0.05, 0.5
+ALIKE_DEG, NO_FIT = 15.0, 0.05
 TWO_SIDED_95 = 1.96
 PARAMETERS = ("angle", "source distance", "source to detector", "column of the centre", "tilt")
 
@@ -154,7 +154,7 @@ def _ordered(board: Phantom, task: PairsTask, nominal: Nominal) -> tuple[_Orders
     """Find the order of the cells where it is not stated, and starts of the fit with it, the best first."""
     coarse = [one.binned(COARSE) for one in task.data]
     unknown = [number for number, pair in enumerate(task.scanner.pairs) if pair.cell_order is None]
-    stated = tuple(pair.cell_order is CellOrder.CLOCKWISE for pair in task.scanner.pairs)
+    stated = tuple(pair.cell_order is CellOrder.COUNTER_CLOCKWISE for pair in task.scanner.pairs)
     tried: dict[tuple[bool, ...], list[Placed]] = {}
 
     def fitted(turned: tuple[bool, ...]) -> Placed:
@@ -207,6 +207,8 @@ def _fitted(
     fit.weigh()
     fit.vary_densities()
     fit.solve()
+    fit.let_knots_differ()
+    fit.solve()
     fit.temper()
     return fit, fit.solve()
 
@@ -228,7 +230,7 @@ def _found(
     rays = PairRays(scanners, moved_frames(fit.placed.frames, motion.tolist()), radius)
     covariance = rays.without_motion(covariance, motion, fit.placed.frames)
     deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0)).reshape(-1, 5)
-    turned = [CellOrder.CLOCKWISE if back else CellOrder.COUNTER_CLOCKWISE for back in orders.reversed]
+    turned = [CellOrder.COUNTER_CLOCKWISE if back else CellOrder.CLOCKWISE for back in orders.reversed]
     pairs = tuple(
         FoundPair(
             SourceFrame.from_vector(rays.frames[number]),
@@ -275,7 +277,7 @@ def _remarks(
     if found.left_share > NO_FIT:
         shares = {"left_percent": 100.0 * found.left_share, "allowed_percent": 100.0 * NO_FIT}
         yield "fail", PairMessage.NO_FIT(**shares)
-        if other_share is not None and other_share < BETTER * found.left_share:
+        if other_share is not None and other_share < NO_FIT:
             sides = {"other_percent": 100.0 * other_share, "left_percent": 100.0 * found.left_share}
             yield "fail", PairMessage.OTHER_SIDE(**sides)
         return
@@ -284,17 +286,17 @@ def _remarks(
     if found.rays.upper_95_mm > task.tolerance_mm:
         sizes = {"rms_mm": found.rays.rms_mm, "upper_mm": found.rays.upper_95_mm, "allowed_mm": task.tolerance_mm}
         yield "watch", PairMessage.ROLL_AGAIN(passages=len(found.poses), **sizes)
-        rolls = sorted((math.degrees(pose[2]), number) for number, pose in enumerate(found.poses, 1))
-        for (low, first), (high, second) in pairwise(rolls):
-            if high - low < ALIKE_DEG:
-                yield "watch", PairMessage.LIES_ALIKE(first=first, second=second, apart_deg=high - low)
+        for (first, one), (second, other) in combinations(enumerate(found.poses, 1), 2):
+            apart_deg = abs(math.degrees(angle_difference(one[2], other[2])))
+            if apart_deg < ALIKE_DEG:
+                yield "watch", PairMessage.LIES_ALIKE(first=first, second=second, apart_deg=apart_deg)
     if found.scale_percent_95 > task.scale_tolerance_percent:
         sizes = {"percent": found.scale_percent_95, "allowed_percent": task.scale_tolerance_percent}
         yield "watch", PairMessage.SCALE(**sizes)
     for number, (pair, expected) in enumerate(zip(found.pairs, nominal.frames, strict=True), 1):
         if pair.order_deviations is not None and pair.order_deviations < CERTAIN:
             yield "watch", PairMessage.ORDER_UNCERTAIN(pair=number, deviations=pair.order_deviations)
-        elif pair.cell_order is CellOrder.CLOCKWISE and pair.order_deviations is not None:
+        elif pair.cell_order is CellOrder.COUNTER_CLOCKWISE and pair.order_deviations is not None:
             yield "pass", PairMessage.BACKWARDS(pair=number, deviations=pair.order_deviations)
         off = np.abs(to_vector(pair.frame) - expected) / nominal.deviations[number - 1]
         off[[0, 4]] = np.abs(np.remainder(to_vector(pair.frame) - expected + math.pi, 2.0 * math.pi) - math.pi)[[0, 4]]

@@ -24,7 +24,7 @@ _LINEAR = [GramTerm.SHADOW, GramTerm.ONE]
 _OTHERS = [*range(7), GramTerm.DATA]
 # Sizes of moves from which a fit starts again: of the nominal places' standard deviations, and of a pose, mm and rad.
 KICKS, POSE_KICK = (0.1, 0.3, 0.6), np.array([20.0, 20.0, 0.1])
-# Starts with up to this times the least power may be right; so many are followed.
+# Starts with up to this times the least power may be right; the best ones are followed.
 NEARLY, MOST = 2.0, 3
 # Where two poses are nearer than this, one is the other: mm and rad.
 SAME_MM, SAME_RAD = 3.0, 0.02
@@ -44,7 +44,7 @@ def reduced_grams(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return each view's normal matrix (views, 8, 8), score (views, 8) and residual power (views,).
 
-    The order is that of the frame, then of the pose. `lines` (views, cells); gain and offset are projected out.
+    The unknowns are the frame's five, then the pose's three. `lines` (views, cells); gain and offset are projected out.
     """
     angles, positions = seen_by_views(poses)
     grams = analytic.gram(board, data.cells, SourceFrame.from_vector(frame), angles, lines, position_mm=positions)

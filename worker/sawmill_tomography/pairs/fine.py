@@ -1,7 +1,7 @@
 """The fit of all cells: pairs, poses, the board as it is, and each pair's beam and detector.
 
 Everything that a scan may hide is an unknown with the size that it may have as prior, so that it is fitted where the
-scan shows it and widens the bound where it does not. Unknowns are the geometry, and what is listed here.
+scan shows it and widens the bound where it does not.
 """
 
 import math
@@ -27,11 +27,7 @@ from sawmill_tomography.statistics import robust_deviation
 
 # Unknowns of the board's wood, alike for all pairs, and of each pair: standard deviations of the priors.
 OF_WOOD = {Term.ASPECT: 3e-3, Term.SHEAR: 3e-3, Term.CORNERS: 9.0, Term.GRADIENT_X: 5e-4, Term.GRADIENT_Y: 5e-4}
-OF_PAIR = {
-    Term.BLUR: 2.0,
-    Term.SLOPE: 0.01,
-    Term.CURVATURE: 0.01,
-}
+OF_PAIR = {Term.BLUR: 2.0, Term.SLOPE: 0.01, Term.CURVATURE: 0.01}
 # Steps over which rounded corners, mm^2, blur, cells^2, and places of corners, mm, are differentiated.
 ROUND_STEP, BLUR_STEP, CORNER_STEP_MM = 1.0, 0.05, 0.05
 # Scatter of the intensity that wood takes out of the beam: halos with these standard deviations on the detector, and
@@ -48,7 +44,7 @@ OF_VIEW = (0.3, 0.02)
 # A traced drawing with more corners keeps its shape up to stretching and shearing.
 MOST_CORNERS = 24
 # A step that lowers the power by less, in variances of a sample, is the last.
-STEPS, CONVERGED, ROUGHLY = 20, 0.1, 1e-3
+STEPS, CONVERGED, ROUGHLY = 30, 0.1, 1e-3
 # Neighbouring cells whose residuals are compared.
 LAGS = 24
 
@@ -138,7 +134,7 @@ class FineFit:
         self.weigh()
 
     def _attenuation(self, number: int) -> float:
-        """Return the attenuation per mm of one pair, by regression of its lines on the board's lengths."""
+        """Return the attenuation per mm of one pair, by regression of the lines on the board's lengths."""
         self.attenuation = [1.0] * len(self.data)
         model = self.model(self.x, number).with_view_gains(self.weights[number])
         return float(np.median(model.gain))
@@ -214,12 +210,12 @@ class FineFit:
         return np.asarray((model.prediction - model.offset - slopes) * (self.attenuation[number] / model.gain))
 
     def _bent(self, number: int, straight: FloatArray) -> FloatArray:
-        """Return what hardening adds for each of its powers, (powers, views, cells)."""
+        """Return what hardening adds for each power, (powers, views, cells)."""
         share = straight / self.longest[number]
         return np.stack([straight * share, straight * share**2, straight * share**3])
 
     def _halos(self, lines: FloatArray, number: int) -> FloatArray:
-        """Return the intensities that scatter adds for each of its kinds, as a share of the cell's own."""
+        """Return the intensities that scatter adds for each kind, as a share of the cell's own."""
         return np.asarray(self._spread(-np.expm1(-lines), number) * np.exp(lines))
 
     def _spread(self, lost: FloatArray, number: int) -> FloatArray:
@@ -286,8 +282,7 @@ class FineFit:
         heights = np.tile(self.data[number].heights_mm, passages)[:, None]
         pose = soft(chain * by_pose(self._poses(x, number), rows[0], rows[5:7]))
         poses = (of_passage * pose).reshape(-1, *predicted.shape)
-        wood = np.stack([*(chain * [rows[10], rows[11], self._rounding(model)]), *(chain * rows[8:10])])
-        wood = soft(wood)
+        wood = soft(chain * np.stack([rows[10], rows[11], self._rounding(model), rows[8], rows[9]]))
         corners = soft(chain * self._moved_corners(x, model))
         blurred = (self.prediction(self._changed(x, number, Term.BLUR, BLUR_STEP), number) - predicted) / BLUR_STEP
         across = np.stack([np.broadcast_to(row, predicted.shape) for row in (model.across, model.across**2)])
@@ -303,9 +298,9 @@ class FineFit:
             CORNERS: (0, corners),
         }
         parts |= {OPTICS: (OF_OPTICS * number, np.array(optics)), VIEWS: (len(of_views) * number, of_views)}
-        parts |= {PATCHES: (0, self.patch_columns[number])}
         if layout.sloped:
             parts[SLOPES] = (0, heights * poses)
+        parts[PATCHES] = (0, self.patch_columns[number])  # the last, as `_products` has them
         places = [layout.part(part).start + first + np.arange(len(own)) for part, (first, own) in parts.items()]
         root = np.sqrt(self.weights[number])
         columns = np.concatenate([own for _, own in parts.values()])
@@ -383,7 +378,7 @@ class FineFit:
         return np.asarray((rows * np.sqrt(self.weights[number])).sum(axis=-2))
 
     def _products(self, columns: FloatArray, number: int) -> FloatArray:
-        """Return the products (n, n) of columns (n, samples); those of the patches, the last, are made once."""
+        """Return the products (n, n) of columns (n, samples); those of the last, the patches, are made once."""
         patches = len(self.patches[number])
         if number not in self._of_densities:
             self._of_densities[number] = columns[len(columns) - patches :] @ columns[len(columns) - patches :].T
@@ -399,7 +394,8 @@ class FineFit:
         before, damping = self.power(self.x), 0.0
         for _ in range(steps):
             normal, score = self.system(self.x)
-            for attempt in range(8):
+            whole = damping
+            for _ in range(8):
                 there = self.x + self._step(normal, score, damping)
                 after = self.power(there) if possible(self.board, self._placed(there)) else math.inf
                 if after < before:
@@ -407,7 +403,7 @@ class FineFit:
                 damping = max(10.0 * damping, 1e-4)
             else:
                 return True
-            self.x, gained, before, damping = there, before - after, after, damping * (0.1 if attempt == 0 else 1.0)
+            self.x, gained, before, damping = there, before - after, after, damping * (0.1 if damping == whole else 1.0)
             if gained < max(CONVERGED, share * before):
                 return True
         return False
@@ -452,9 +448,8 @@ class FineFit:
         """Let the wood's density vary from patch to patch, as much as the scan says."""
         for number in range(len(self.data)):
             model = self.model(self.x, number)
-            through = self._scattering(self.x, number, self._primary(self.x, number, model))
-            # The patches of the drawing: moved corners may change their number.
-            lengths = [model.project(replace(self.board, shapes=shapes)) for shapes in wood_patches(self.board)]
+            body, through = model.drawing, self._scattering(self.x, number, self._primary(self.x, number, model))
+            lengths = [model.project(replace(body, shapes=shapes)) for shapes in wood_patches(self.board)]
             self.patches[number] = self._blurring(model)(model.gain * np.array(lengths))
             self.patch_columns[number] = through(self.patches[number])
         self._of_densities = {}
@@ -465,6 +460,12 @@ class FineFit:
         taken = normal[patches, others] @ scaled_inverse(normal[others, others])
         left, seen = normal[patches, patches] - taken @ normal[others, patches], score[patches] - taken @ score[others]
         self.precision[patches] = 1.0 / max(variation(left, seen, 1.0).deviation, LEAST_VARIATION) ** 2
+
+    def let_knots_differ(self) -> None:
+        """Let single patches differ more than the others, as knots do: densities have the tails of a Cauchy's."""
+        densities = self.x[self.layout.part(PATCHES)]
+        scale = max(robust_deviation(densities), LEAST_VARIATION)
+        self.precision[self.layout.part(PATCHES)] = 2.0 / (scale**2 + densities**2)
 
     def share_left(self) -> float:
         """Return the RMS of the residual as a share of the RMS of the shadows."""

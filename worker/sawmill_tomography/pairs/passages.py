@@ -11,7 +11,7 @@ from sawmill_tomography.projection.analytic import DetectorCells
 
 @dataclass(frozen=True, eq=False)
 class PairData:
-    """The line integrals of one pair; the cells count counter-clockwise."""
+    """The line integrals of one pair; the cells count along the detector's axis, clockwise about the centre."""
 
     lines: FloatArray  # (passages, groups, cells): means over groups of neighbouring rows
     heights_mm: FloatArray  # (groups,): height of each group on the object

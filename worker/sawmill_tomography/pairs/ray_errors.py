@@ -125,7 +125,7 @@ class PairRays:
     def predicted(self, covariance: FloatArray, pair: int | None = None) -> PredictedRays:
         """Predict the ray error of all pairs, or of one, from the covariance (5 pairs, 5 pairs) of the frames.
 
-        The upper bound is that of the scaled chi-square with the same mean and variance (Satterthwaite 1946).
+        The upper bound comes from the scaled chi-square with the same mean and variance (Satterthwaite 1946).
         """
         left = self.slopes - self.gauge @ self.to_gauge
         left = left if pair is None else left[self.of_pair == pair]
@@ -140,7 +140,7 @@ class PairRays:
     def without_motion(self, covariance: FloatArray, motion: FloatArray, frames: FloatArray) -> FloatArray:
         """Return the covariance (5 pairs, 5 pairs) of these frames after a motion, without what moves all alike.
 
-        `covariance` is that of `frames` (pairs, 5) before the motion (3,).
+        `covariance` belongs to `frames` (pairs, 5) before the motion (3,).
         """
         moved = np.stack(
             [_slope(lambda x: moved_frames(x, motion.tolist()), frames, one) for one in range(frames.size)], -1
@@ -180,7 +180,7 @@ class PairRayError:
 
 
 def pair_ray_error(true: PairRays, frames: FloatArray) -> PairRayError:
-    """Compute the RMS distance between the true rays and those of other frames (pairs, 5), of all and of each pair."""
+    """Compute the RMS distance between true rays and rays of other frames (pairs, 5), of all and of each pair."""
     motion, scale = _nearest(true, frames, scaled=True)
     misses = true.distances(_placed(frames, motion, scale))
     own = [math.sqrt(float(np.mean(misses[true.of_pair == pair] ** 2))) for pair in range(len(frames))]

@@ -82,7 +82,7 @@ def simulate_passages(
         fields = [converter.expose(np.full((FIELDS, cells), level), noise) for level in (photons, 0.0)]
         counts = spoil(exposed, converter, effects.detector, np.random.default_rng((seed, number, _SPOILT)))
         flats, darks = (field.astype(np.uint16) for field in fields)
-        way = -1 if pair.cell_order is CellOrder.CLOCKWISE else 1
+        way = -1 if pair.cell_order is CellOrder.COUNTER_CLOCKWISE else 1
         shape = len(passages), rows, cells
         passed.append(PassedPair(counts[:, ::way].reshape(shape), flats[:, ::way], darks[:, ::way]))
     return passed
@@ -91,7 +91,7 @@ def simulate_passages(
 def _received(
     through: FloatArray, pitch_mm: float, effects: Physics, passages: int, seed: tuple[int, ...]
 ) -> FloatArray:
-    """Return the signals of all rows, (views, cells); the tube and the detector's lag start anew in each passage."""
+    """Return the signals of all rows, (views, cells); the tube and the detector's lag start again in each passage."""
     rng = np.random.default_rng(seed)
     parts = [
         signal(part, pitch_mm, effects, tube_output(len(part), effects, rng)) for part in np.split(through, passages)

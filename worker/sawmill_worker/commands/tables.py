@@ -60,9 +60,7 @@ def print_pairs(result: FixedPairsResult) -> None:
     console.print(table)
     rolls = ", ".join(f"{passage.roll_deg:.1f}°" for passage in result.passages)
     say_of_all = f"All rays: {result.predicted_rms_mm:.3f} mm, 95 % below {result.upper_95_mm:.3f} mm; sizes ± "
-    console.print(
-        f"{say_of_all}{result.scale_uncertainty_percent:.2g} %. Board in {len(result.passages)} passages: {rolls}."
-    )
+    console.print(f"{say_of_all}{result.scale_uncertainty_percent:.2g} %. Board rolled by {rolls}.")
     for reason in result.reasons:
         console.print(f"- {reason}", highlight=False, markup=False)
 
