@@ -20,7 +20,6 @@ PairsFile = typer.Argument(
 PairScans = typer.Argument(
     metavar="SCAN...", exists=True, help="A file for each pair, in their order: views are passages, rows the feed."
 )
-
 ReportFlag = typer.Option(
     metavar="OUT.png", dir_okay=False, callback=shared.writable, help="Draw the ring of pairs with the error of each."
 )
@@ -46,10 +45,10 @@ def calibrate_pairs(
 
         drawing = drawing_of(phantom, phantom_width_mm)
         result = calibrate_fixed_pairs(scans, pairs, drawing, data=data, options=options, on_progress=progress)
-    if report is not None:
-        from sawmill_calibration.pictures.ring_of_pairs import ring_png
+        if report is not None:
+            from sawmill_calibration.pictures.ring_of_pairs import ring_png
 
-        report.write_bytes(ring_png(result))
+            report.write_bytes(ring_png(result))
     if as_json:
         print_json(result.model_dump(mode="json"))
     else:

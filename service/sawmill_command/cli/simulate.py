@@ -94,8 +94,9 @@ def simulate(
     drawn = phantom if body in set(PhantomShape) else body
     check_width(drawn, phantom_width_mm)
     if pairs is not None:
-        _write_passages(pairs, body, handedness, phantom_width_mm, physics, output=output, passages=passages, rows=rows,
-            row_pitch_mm=scanner.row_pitch_mm or 2.0, off_mm=places_off_mm, photons=photons, seed=seed)  # fmt: skip
+        sizes = {"passages": passages, "rows": rows, "row_pitch_mm": scanner.row_pitch_mm or 2.0}
+        made = {"off_mm": places_off_mm, "photons": photons, "seed": seed}
+        _write_passages(pairs, body, handedness, phantom_width_mm, physics, output=output, **sizes, **made)
         return
     if theta is None:  # which `OfGeometry` refuses
         return
