@@ -29,10 +29,10 @@ def test_two_passages_give_rays_within_a_tenth_of_a_millimetre_a_bound_that_hold
 
 @pytest.mark.slow
 def test_a_detector_that_is_read_backwards_is_found_and_named_with_its_certainty():
-    passed = passed_board("beam and detector", 2, 2, 4, {}, {"cell_order": CellOrder.CLOCKWISE})
+    passed = passed_board("beam and detector", 2, 2, 4, {}, {"cell_order": CellOrder.COUNTER_CLOCKWISE})
     found, error_mm = passed.calibrated(cell_order=None)
     assert error_mm < found.rays.upper_95_mm < TOLERANCE_MM
-    assert [pair.cell_order for pair in found.pairs] == [CellOrder.COUNTER_CLOCKWISE, CellOrder.CLOCKWISE]
+    assert [pair.cell_order for pair in found.pairs] == [CellOrder.CLOCKWISE, CellOrder.COUNTER_CLOCKWISE]
     assert all(pair.order_deviations > CERTAIN for pair in found.pairs)
     assert (found.verdict, codes(found)) == ("pass", ["pair-backwards"])
 
@@ -40,7 +40,8 @@ def test_a_detector_that_is_read_backwards_is_found_and_named_with_its_certainty
 @pytest.mark.slow
 def test_a_board_that_is_seen_from_the_other_side_fails():
     found, _ = passed_board("beam and detector", 2, 2, 6).of_all_rows().calibrated(mirrored=True)
-    assert (found.verdict, codes(found)[0]) == ("fail", "pairs-no-fit")
+    assert found.verdict == "fail"
+    assert "pairs-other-side" in codes(found)
 
 
 @pytest.mark.slow

@@ -40,7 +40,7 @@ def test_counts_are_the_exact_transmissions_of_the_board_in_the_hall_but_for_noi
         dark, detector = one.darks.mean(axis=0), Detector(pair.num_detector_pixels, pair.detector_pitch_mm)
         measured = (one.counts.mean(axis=0) - dark) / (one.flats.mean(axis=0) - dark)
         heights = ROW_PITCH_MM * np.array([-1.0, 0.0, 1.0]) + pair.feed_offset_mm
-        way = -1 if pair.cell_order is CellOrder.CLOCKWISE else 1
+        way = 1 if pair.cell_order is CellOrder.CLOCKWISE else -1
         expected = np.array([scan(lying(at), detector, frame, np.zeros(1))[0, ::way] for at in heights])
         deviations = np.sqrt((expected / SAME + expected**2 / FIELDS) / PHOTONS)
         off, turned = (measured - expected) / deviations, (expected[0] - expected[2]) / deviations[0]

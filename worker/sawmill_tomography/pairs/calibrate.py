@@ -36,6 +36,8 @@ CORNER_MM = 0.3
 CERTAIN, FAR = 5.0, 4.0
 # Rolls that differ by less count as alike, degrees; a share of the shadow above this is no fit.
 ALIKE_DEG, NO_FIT = 15.0, 0.05
+# Where a start leaves more of the shadow, the board's other side is tried; it is right where it leaves half as much.
+SUSPECT, OTHER = 0.025, 0.5
 TWO_SIDED_95 = 1.96
 PARAMETERS = ("angle", "source distance", "source to detector", "column of the centre", "tilt")
 
@@ -106,7 +108,7 @@ def calibrate_pairs(task: PairsTask, *, on_progress: ProgressCallback = lambda _
     nominal = _nominal(task.scanner)
     on_progress(Progress(fraction=0.05, stage="start"))
     orders, several = _ordered(board, task, nominal)
-    if orders.left_share > NO_FIT:
+    if orders.left_share > SUSPECT:
         other, _ = _ordered(board.mirrored(), task, nominal)
         orders = replace(orders, other_share=other.left_share)
     data = [one.reversed if turned else one for one, turned in zip(task.data, orders.reversed, strict=True)]
@@ -147,7 +149,7 @@ class _Orders:
     reversed: tuple[bool, ...]
     deviations: tuple[float | None, ...]
     left_share: float  # share of the shadow that the start leaves, and that it leaves of the board from its other side
-    other_share: float | None = None
+    other_share: float = math.inf
 
 
 def _ordered(board: Phantom, task: PairsTask, nominal: Nominal) -> tuple[_Orders, list[Placed]]:
@@ -255,7 +257,7 @@ def _found(
         "pass",
         (),
     )
-    remarks = list(_remarks(task, found, nominal, orders.other_share, converged=converged))
+    remarks = list(_remarks(task, found, nominal, orders, converged=converged))
     verdict: Verdict = min((degree for degree, _ in remarks), key=("fail", "watch", "pass").index, default="pass")
     order = sorted(remarks, key=lambda remark: ("fail", "watch", "pass").index(remark[0]))
     return replace(found, verdict=verdict, reasons=tuple(reason for _, reason in order))
@@ -271,15 +273,17 @@ def _moved_poses(poses: FloatArray, motion: FloatArray) -> FloatArray:
 
 
 def _remarks(
-    task: PairsTask, found: FoundPairs, nominal: Nominal, other_share: float | None, *, converged: bool
+    task: PairsTask, found: FoundPairs, nominal: Nominal, orders: _Orders, *, converged: bool
 ) -> Iterator[tuple[Verdict, Reason]]:
     """Say what is wrong or uncertain, with the verdict that follows."""
     if found.left_share > NO_FIT:
         shares = {"left_percent": 100.0 * found.left_share, "allowed_percent": 100.0 * NO_FIT}
         yield "fail", PairMessage.NO_FIT(**shares)
-        if other_share is not None and other_share < NO_FIT:
-            sides = {"other_percent": 100.0 * other_share, "left_percent": 100.0 * found.left_share}
-            yield "fail", PairMessage.OTHER_SIDE(**sides)
+    other_side = orders.other_share < OTHER * orders.left_share
+    if other_side:
+        sides = {"other_percent": 100.0 * orders.other_share, "left_percent": 100.0 * orders.left_share}
+        yield "fail", PairMessage.OTHER_SIDE(**sides)
+    if other_side or found.left_share > NO_FIT:
         return
     if not converged:
         yield "fail", PairMessage.NOT_CONVERGED()
