@@ -272,18 +272,23 @@ def _moved_poses(poses: FloatArray, motion: FloatArray) -> FloatArray:
     return np.asarray(moved)
 
 
+def _misfits(found: FoundPairs, orders: _Orders) -> Iterator[tuple[Verdict, Reason]]:
+    """Say where the passages do not fit the drawing from this side."""
+    if found.left_share > NO_FIT:
+        shares = {"left_percent": 100.0 * found.left_share, "allowed_percent": 100.0 * NO_FIT}
+        yield "fail", PairMessage.NO_FIT(**shares)
+    if orders.other_share < OTHER * orders.left_share:
+        sides = {"other_percent": 100.0 * orders.other_share, "left_percent": 100.0 * orders.left_share}
+        yield "fail", PairMessage.OTHER_SIDE(**sides)
+
+
 def _remarks(
     task: PairsTask, found: FoundPairs, nominal: Nominal, orders: _Orders, *, converged: bool
 ) -> Iterator[tuple[Verdict, Reason]]:
     """Say what is wrong or uncertain, with the verdict that follows."""
-    if found.left_share > NO_FIT:
-        shares = {"left_percent": 100.0 * found.left_share, "allowed_percent": 100.0 * NO_FIT}
-        yield "fail", PairMessage.NO_FIT(**shares)
-    other_side = orders.other_share < OTHER * orders.left_share
-    if other_side:
-        sides = {"other_percent": 100.0 * orders.other_share, "left_percent": 100.0 * orders.left_share}
-        yield "fail", PairMessage.OTHER_SIDE(**sides)
-    if other_side or found.left_share > NO_FIT:
+    misfits = [*_misfits(found, orders)]
+    if misfits:
+        yield from misfits
         return
     if not converged:
         yield "fail", PairMessage.NOT_CONVERGED()
