@@ -53,9 +53,15 @@ class PairMessage(Message):
         N_("State cell_order of the pair, or pass the board again in another roll."),
         N_("The other order is worse by only %(deviations).1f standard deviations."),
     )
+    APART = (
+        "pairs-apart",
+        N_("The pairs show parts of the board up to %(apart_mm).0f mm apart, and each shows %(rows_mm).0f mm of it."),
+        N_("Record more rows, so that all files show the same part of the board."),
+        N_("A slanted or twisted board lies elsewhere there, and the bound is then too small."),
+    )
     FAR_AWAY = (
         "pair-far-away",
-        N_("Pair %(pair)d stands far from its nominal place: %(parameter)s by %(deviations).1f standard deviations."),
+        N_("Pair %(pair)d stands far from its nominal place: by %(deviations).1f standard deviations."),
         N_("Check the nominal place of this pair, and the distance between its cells."),
         "",
     )

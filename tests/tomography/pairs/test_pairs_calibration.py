@@ -50,6 +50,8 @@ def test_pairs_apart_along_the_feed_see_a_sloped_board_at_their_own_heights():
     passed = passed_board("slopes and twist", 4, 2, 9, *places)
     found, error_mm = passed.calibrated()  # 0.4 mm where all heights are taken as the same
     assert error_mm < found.rays.upper_95_mm < TOLERANCE_MM
+    # Twenty rows are 40 mm: where the board lies 165 mm further on is known by its slope alone.
+    assert (found.verdict, codes(found)) == ("watch", ["pairs-apart"])
 
 
 @pytest.mark.nightly

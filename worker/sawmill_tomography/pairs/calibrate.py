@@ -39,7 +39,8 @@ ALIKE_DEG, NO_FIT = 15.0, 0.05
 # Where a start leaves more of the shadow, the board's other side is tried; it is right where it leaves half as much.
 SUSPECT, OTHER = 0.025, 0.5
 TWO_SIDED_95 = 1.96
-PARAMETERS = ("angle", "source distance", "source to detector", "column of the centre", "tilt")
+# Means over thirds of the rows lie within this part of them.
+OF_ROWS = 2.0 / 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -292,6 +293,9 @@ def _remarks(
         return
     if not converged:
         yield "fail", PairMessage.NOT_CONVERGED()
+    middles, rows_mm = [one.heights_mm.mean() for one in task.data], np.ptp(task.data[0].heights_mm) / OF_ROWS
+    if rows_mm and np.ptp(middles) > rows_mm:
+        yield "watch", PairMessage.APART(apart_mm=float(np.ptp(middles)), rows_mm=float(rows_mm))
     if found.rays.upper_95_mm > task.tolerance_mm:
         sizes = {"rms_mm": found.rays.rms_mm, "upper_mm": found.rays.upper_95_mm, "allowed_mm": task.tolerance_mm}
         yield "watch", PairMessage.ROLL_AGAIN(passages=len(found.poses), **sizes)
@@ -307,9 +311,8 @@ def _remarks(
             yield "watch", PairMessage.ORDER_UNCERTAIN(pair=number, deviations=pair.order_deviations)
         elif pair.cell_order is CellOrder.COUNTER_CLOCKWISE and pair.order_deviations is not None:
             yield "pass", PairMessage.BACKWARDS(pair=number, deviations=pair.order_deviations)
-        off = np.abs(to_vector(pair.frame) - expected) / nominal.deviations[number - 1]
-        off[[0, 4]] = np.abs(np.remainder(to_vector(pair.frame) - expected + math.pi, 2.0 * math.pi) - math.pi)[[0, 4]]
-        off[[0, 4]] /= nominal.deviations[number - 1][[0, 4]]
-        if off.max() > FAR:
-            worst = int(np.argmax(off))
-            yield "watch", PairMessage.FAR_AWAY(pair=number, parameter=PARAMETERS[worst], deviations=float(off.max()))
+        off = to_vector(pair.frame) - expected
+        off[[0, 4]] = np.angle(np.exp(1j * off[[0, 4]]))
+        farthest = float((np.abs(off) / nominal.deviations[number - 1]).max())
+        if farthest > FAR:
+            yield "watch", PairMessage.FAR_AWAY(pair=number, deviations=farthest)
