@@ -228,7 +228,10 @@ def test_fixed_pairs_are_calibrated_as_their_page_has_it(tmp_path, monkeypatch):
     answer = in_process(*shlex.split(calibrated)[1:])
     assert "4 pairs with L-shape: pass" in answer
     (said,) = blocks(page, "text")
-    assert " ".join(said.split()) in " ".join(answer.split())
+    # Other machines round elsewhere, so that the last digits may differ.
+    shown, written = (re.split(r"(\d[\d.]*\d)", text[text.index("All rays") :]) for text in (answer, said))
+    assert [" ".join(words.split()) for words in shown[::2]] == [" ".join(words.split()) for words in written[::2]]
+    assert np.array(shown[1::2], float) == pytest.approx(np.array(written[1::2], float), abs=0.004, rel=1e-3)
     assert (tmp_path / "ring.png").read_bytes().startswith(b"\x89PNG")
 
 

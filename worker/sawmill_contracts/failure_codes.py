@@ -24,6 +24,7 @@ FILES = frozenset(
         "external-storage",
         "file-in-use",
         "flats-missing",
+        "fixed-pairs",
         "geometry-file",
         "linked-file-missing",
         "no-signal",
