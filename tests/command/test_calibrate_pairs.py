@@ -112,7 +112,7 @@ def test_files_that_do_not_belong_together_are_refused(run, failure, two, passed
     run("simulate", "l-shape", "--pairs", two, "--rows", 2, "--passages", 1, "-o", tmp_path / "once.h5")
     other = failure("calibrate-pairs", two, passed[0], tmp_path / "once-2.h5", *BOARD)
     assert other["detail"] == "once-2.h5 has 1 passages, and the file before 2"
-    assert one["code"] == other["code"] == "fixed-pairs"
+    assert one["code"] == other["code"] == "contradiction"
 
 
 def test_a_passage_of_air_is_refused(failure, two, passed, tmp_path):

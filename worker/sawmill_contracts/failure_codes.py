@@ -24,7 +24,6 @@ FILES = frozenset(
         "external-storage",
         "file-in-use",
         "flats-missing",
-        "fixed-pairs",
         "geometry-file",
         "linked-file-missing",
         "no-signal",

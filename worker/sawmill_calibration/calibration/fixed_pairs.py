@@ -32,9 +32,9 @@ DEAD = 0.25
 
 
 def read_paired_scanner(path: Path) -> PairedScanner:
-    """Read a scanner of fixed pairs from a JSON file; refuse any other file with the code `fixed-pairs`."""
+    """Read a scanner of fixed pairs from a JSON file; refuse any other file with the code `geometry-file`."""
     with input_errors_translated():
-        return read_json(path, PairedScanner, code="fixed-pairs", otherwise="no scanner of fixed pairs")
+        return read_json(path, PairedScanner, code="geometry-file", otherwise="no scanner of fixed pairs")
 
 
 def calibrate_fixed_pairs(
@@ -73,7 +73,7 @@ def calibrate_fixed_pairs(
     chosen = options_of(FixedPairsOptions, options or {})
     if len(scans) != len(given.pairs):
         raise refused(
-            "fixed-pairs", f"the scanner has {len(given.pairs)} pairs: give a file for each, not {len(scans)}"
+            "contradiction", f"the scanner has {len(given.pairs)} pairs: give a file for each, not {len(scans)}"
         )
     board = to_phantom(drawing)
     stacks: list[tuple[NDArray[np.float32], ScanRows]] = []
@@ -121,7 +121,7 @@ def _part_of(report: ProgressCallback, first: float, last: float) -> ProgressCal
 
 def _check_passages(stack: NDArray[np.float32], first: NDArray[np.float32], path: Path) -> None:
     if len(stack) != len(first):
-        raise refused("fixed-pairs", f"{path.name} has {len(stack)} passages, and the file before {len(first)}")
+        raise refused("contradiction", f"{path.name} has {len(stack)} passages, and the file before {len(first)}")
 
 
 def board_rows(stack: NDArray[np.float32]) -> slice:

@@ -137,17 +137,13 @@ class Nominal:
     deviations: FloatArray  # (pairs, 5)
 
 
-def together(
-    board: Phantom, data: Sequence[PairData], start: Placed, nominal: Nominal, *, held: float = 1.0, steps: int = STEPS
-) -> Placed:
-    """Fit pairs and poses together; `held` is the precision of the nominal places in units of the stated one."""
+def together(board: Phantom, data: Sequence[PairData], start: Placed, nominal: Nominal) -> Placed:
+    """Fit pairs and poses together, with the nominal places as prior."""
     pairs, passages = len(data), len(start.poses)
     size = 5 * pairs + 3 * passages
     poses_at = 5 * pairs + 3 * np.arange(passages)[:, None] + np.arange(3)
     samples = sum(one.lines.size for one in data)
-    precision = np.concatenate([(held / nominal.deviations**2).ravel(), np.zeros(3 * passages)])
-    if not held:
-        precision[5 * pairs : 5 * pairs + 3] = 1e12  # the first pose is the gauge
+    precision = np.concatenate([(1.0 / nominal.deviations**2).ravel(), np.zeros(3 * passages)])
 
     def system(at: Placed) -> tuple[FloatArray, FloatArray, float]:
         normal, score, power = np.zeros((size, size)), np.zeros(size), 0.0
@@ -166,9 +162,9 @@ def together(
     departure = np.zeros(size)
 
     def drawn(placed: Placed, unit: float) -> float:
-        return float(unit * (held * ((placed.frames - nominal.frames) / nominal.deviations) ** 2).sum())
+        return float(unit * (((placed.frames - nominal.frames) / nominal.deviations) ** 2).sum())
 
-    for _ in range(steps):
+    for _ in range(STEPS):
         unit = power / max(samples - size, 1)
         departure[: 5 * pairs] = (at.frames - nominal.frames).ravel()
         departure[5 * pairs :] = 0.0

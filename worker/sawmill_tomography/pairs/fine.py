@@ -386,13 +386,13 @@ class FineFit:
         mixed = others[:, len(others) :]
         return np.block([[others[:, : len(others)], mixed], [mixed.T, self._of_densities[number]]])
 
-    def solve(self, steps: int = STEPS, share: float = 0.0) -> bool:
+    def solve(self, share: float = 0.0) -> bool:
         """Take Gauss-Newton steps, damped where they do not lower the power; return whether they have converged.
 
         A step that lowers the power by less than this share is the last, too.
         """
         before, damping = self.power(self.x), 0.0
-        for _ in range(steps):
+        for _ in range(STEPS):
             normal, score = self.system(self.x)
             whole = damping
             for _ in range(8):

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sawmill_tomography.geometry.geometry import FloatArray, SourceFrame, rotate
+from sawmill_tomography.geometry.geometry import FloatArray, rotate
 from sawmill_tomography.projection.analytic import DetectorCells
 
 
@@ -70,8 +70,3 @@ def _moved(frame: FloatArray, x_mm: float, y_mm: float, turn_rad: float) -> Floa
     distance, angle = float(np.hypot(*source)), float(np.arctan2(source[0], -source[1]))
     tilt = float(np.arctan2(np.sin(omega - angle), np.cos(omega - angle)))
     return np.array([angle, distance, f / np.cos(tilt), foot + f * np.tan(tilt), tilt])
-
-
-def to_frames(values: FloatArray) -> list[SourceFrame]:
-    """Return rows (pairs, 5) of (psi, R, SDD, u_c, tau) as source frames."""
-    return [SourceFrame.from_vector(row) for row in values]
