@@ -92,7 +92,7 @@ def passages(count: int, slopes: float, rng: np.random.Generator) -> list[Passag
 
 def body(corners_mm: float, rng: np.random.Generator) -> tuple[Phantom, Phantom]:
     """Return the drawing about its middle, and a body whose corners are off it."""
-    drawing = L_SHAPE.moved(*(-value for value in L_SHAPE.centroid_mm))
+    drawing = L_SHAPE.centred()
     shapes = tuple(
         replace(
             shape,

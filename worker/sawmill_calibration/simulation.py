@@ -183,9 +183,8 @@ def write_passages(
     frames = [
         SourceFrame.from_vector(to_vector(pair.frame) + spread * rng.standard_normal(5)) for pair in scanner.pairs
     ]
-    drawn = body.moved(*(-value for value in body.centroid_mm))
     passed = simulate_passages(
-        drawn,
+        body.centred(),
         scanner,
         frames,
         random_passages(passages, seed),

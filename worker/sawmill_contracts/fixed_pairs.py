@@ -2,31 +2,23 @@
 
 from pydantic import Field
 
+from sawmill_contracts.calibrations import CalibrationLimits
 from sawmill_contracts.choices import Verdict
-from sawmill_contracts.geometry import PositiveMm, ReportedSourceFrame, SourceFrameDeviation
+from sawmill_contracts.geometry import ReportedSourceFrame, SourceFrameDeviation
 from sawmill_contracts.reasons import CodedReason
 from sawmill_platform.contracts.base import Contract
 from sawmill_vocabulary import CellOrder, Handedness
 
 
-class FixedPairsOptions(Contract):
+class FixedPairsOptions(CalibrationLimits):
     """Options of a calibration of fixed pairs."""
 
     handedness: Handedness = Field(Handedness.AS_DRAWN, description="From which side the board is seen.")
-    tolerance_mm: PositiveMm = Field(
-        0.1, description="Limit of the predicted ray error, mm: a calibration passes where upper_95 is below the limit."
-    )
-    scale_tolerance_percent: float = Field(
-        0.5, gt=0, le=100, description="Limit of the scale's uncertainty (95 %), per cent."
-    )
     corner_tolerance_mm: float = Field(
         0.3,
         gt=0,
         le=10,
         description="Standard deviation of the drawing's corners, mm: how exactly the board was sawn or measured.",
-    )
-    log_radius_mm: PositiveMm | None = Field(
-        None, description="Radius of the largest log, where ray errors count. By default the board's, at most 150."
     )
 
 

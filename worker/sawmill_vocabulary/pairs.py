@@ -4,7 +4,7 @@ Axes, signs and formulas: docs/look-up/conventions.md#pairs.
 """
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Self
 
 from sawmill_vocabulary.choices import CellOrder
@@ -12,6 +12,7 @@ from sawmill_vocabulary.geometry import LARGEST_MM, TAU, DetectorModule, Geometr
 from sawmill_vocabulary.outlines import AsContract
 
 FEWEST_PAIRS, MOST_PAIRS = 2, 6
+_CELLS = {one.name: one.metadata for one in fields(Scanner)}
 
 
 def _length(description: str, *, low: float = -LARGEST_MM, default: float = 0.0) -> float:
@@ -41,17 +42,8 @@ class FixedPair(AsContract):
             "examples": [1570.0],
         }
     )
-    num_detector_pixels: int = field(
-        metadata={"description": "Number of detector cells.", "ge": 8, "le": 65536, "examples": [768]}
-    )
-    detector_pitch_mm: float = field(
-        metadata={
-            "description": "Distance between neighbouring detector cells, mm.",
-            "gt": 0,
-            "le": LARGEST_MM,
-            "examples": [1.5],
-        }
-    )
+    num_detector_pixels: int = field(metadata=_CELLS["num_detector_pixels"])
+    detector_pitch_mm: float = field(metadata=_CELLS["detector_pitch_mm"])
     cor_column_mm: float = _length("Where the ray through the centre meets the detector, mm from its middle.")
     detector_tilt_deg: float = field(
         default=0.0,
@@ -62,16 +54,13 @@ class FixedPair(AsContract):
         },
     )
     detector_modules: tuple[DetectorModule, ...] = field(
-        default=(), metadata={"description": "Modules of the line detector after the first.", "max_length": 64}
-    )
-    detector_arc_radius_mm: float | None = field(
-        default=None,
+        default=(),
         metadata={
-            "description": "Radius of the arc on which the cells lie, mm; null: a straight line.",
-            "gt": 0,
-            "le": LARGEST_MM,
+            **_CELLS["detector_modules"],
+            "description": "Modules of the line detector after the first; a calibration takes them as stated.",
         },
     )
+    detector_arc_radius_mm: float | None = field(default=None, metadata=_CELLS["detector_arc_radius_mm"])
     feed_offset_mm: float = _length(
         "Place of the pair's plane along the feed, mm: its rows show the object at heights larger by this."
     )

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sawmill_calibration.failures import input_errors_translated, options_of, read_json, refused
 from sawmill_calibration.known_geometry import drawing_of, to_phantom
-from sawmill_calibration.scans.scan_rows import ScanRows, ScanSource, open_rows
+from sawmill_calibration.scans.scan_rows import ScanRows, ScanSource, open_rows, part_of
 from sawmill_contracts.fixed_pairs import BoardPose, CalibratedPair, FixedPairsOptions, FixedPairsResult
 from sawmill_contracts.geometry import ReportedSourceFrame, SourceFrameDeviation
 from sawmill_contracts.phantoms import PhantomDrawing
@@ -23,7 +23,7 @@ from sawmill_tomography.pairs.calibrate import FoundPair, FoundPairs, PairsTask,
 from sawmill_tomography.pairs.passages import PairData
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.projection.analytic import DetectorCells
-from sawmill_vocabulary import DataKind, Handedness, PairedScanner, Progress, ProgressCallback
+from sawmill_vocabulary import DataKind, Handedness, PairedScanner, ProgressCallback
 
 # Groups of rows along the feed that show how a board's pose changes, each of `FEWEST` rows or more.
 GROUPS, FEWEST = 3, 2
@@ -75,53 +75,44 @@ def calibrate_fixed_pairs(
         raise refused(
             "contradiction", f"the scanner has {len(given.pairs)} pairs: give a file for each, not {len(scans)}"
         )
-    board = to_phantom(drawing)
-    stacks: list[tuple[NDArray[np.float32], ScanRows]] = []
-    ranges: list[tuple[int, int]] = []
-    with input_errors_translated(), ExitStack() as files:
+    drawn = to_phantom(drawing)
+    board = drawn if chosen.handedness is Handedness.AS_DRAWN else drawn.mirrored()
+    stacks: list[NDArray[np.float32]] = []
+    read: list[ScanRows] = []
+    with input_errors_translated():
         for number, (path, pair) in enumerate(zip(scans, given.pairs, strict=True)):
             wanted = UnregisteredScanOptions(data=DataKind(data), detector_pitch_mm=pair.detector_pitch_mm)
-            opened = open_rows(
-                ScanSource(Path(path), wanted, turns=False),
-                source_to_cor_mm=pair.source_distance_mm,
-                on_progress=_part_of(on_progress, 0.5 * number / len(scans), 0.5 * (number + 1) / len(scans)),
-            )
-            rows = files.enter_context(opened)
-            stack = rows.stack()
-            _check_passages(stack, stacks[0][0] if stacks else stack, Path(path))
-            own = board_rows(stack)
-            stacks.append((stack[:, own], rows))
-            ranges.append((own.start, own.stop))
+            source, part = ScanSource(Path(path), wanted, turns=False), 0.5 / len(scans)
+            report = part_of(on_progress, part * number, part * (number + 1))
+            with open_rows(source, source_to_cor_mm=pair.source_distance_mm, on_progress=report) as rows:
+                stacks.append(rows.stack())
+                read.append(rows)
+            if len(stacks[-1]) != len(stacks[0]):
+                raise refused(
+                    "contradiction",
+                    f"{Path(path).name} has {len(stacks[-1])} passages, and the file before {len(stacks[0])}",
+                )
+        ranges = [board_rows(stack) for stack in stacks]
         # Where every file shows the board's beginning, heights count from there; else the pairs' stated offsets hold.
-        begins = all(first > 1 for first, _ in ranges)
-        lines = [
-            _data_of(stack, rows, DetectorCells.of(pair.scanner), first=first, offset_mm=pair.feed_offset_mm)
-            if not begins
-            else _data_of(stack, rows, DetectorCells.of(pair.scanner))
-            for (stack, rows), (first, _), pair in zip(stacks, ranges, given.pairs, strict=True)
-        ]
+        begins = all(own.start > 1 for own in ranges)
+        lines = []
+        for stack, rows, own, pair in zip(stacks, read, ranges, given.pairs, strict=True):
+            pitch = rows.scanner.row_pitch_mm
+            begin_mm = 0.0 if begins else own.start * (pitch or 0.0) + pair.feed_offset_mm
+            lines.append(_data_of(stack[:, own], pitch, DetectorCells.of(pair.scanner), begin_mm))
         middle = float(np.mean([one.heights_mm.mean() for one in lines]))
         task = PairsTask(
             given,
-            board if chosen.handedness is Handedness.AS_DRAWN else board.mirrored(),
-            [PairData(one.lines, one.heights_mm - middle, one.cells) for one in lines],
-            all(rows.counts for _, rows in stacks),
+            board,
+            [replace(one, heights_mm=one.heights_mm - middle) for one in lines],
+            all(rows.counts for rows in read),
             chosen.corner_tolerance_mm,
             chosen.tolerance_mm,
             chosen.scale_tolerance_percent,
             chosen.log_radius_mm,
         )
-        found = calibrate_pairs(task, on_progress=_part_of(on_progress, 0.5, 1.0))
-    return _result(found, ranges, task.board, chosen)
-
-
-def _part_of(report: ProgressCallback, first: float, last: float) -> ProgressCallback:
-    return lambda progress: report(Progress(fraction=first + (last - first) * progress.fraction, stage=progress.stage))
-
-
-def _check_passages(stack: NDArray[np.float32], first: NDArray[np.float32], path: Path) -> None:
-    if len(stack) != len(first):
-        raise refused("contradiction", f"{path.name} has {len(stack)} passages, and the file before {len(first)}")
+        found = calibrate_pairs(task, on_progress=part_of(on_progress, 0.5, 1.0))
+    return _result(found, ranges, board, chosen)
 
 
 def board_rows(stack: NDArray[np.float32]) -> slice:
@@ -135,16 +126,12 @@ def board_rows(stack: NDArray[np.float32]) -> slice:
     return slice(first + own.start + cut, first + own.stop - cut)
 
 
-def _data_of(
-    stack: NDArray[np.float32], rows: ScanRows, cells: DetectorCells, *, first: int = 0, offset_mm: float = 0.0
-) -> PairData:
-    """Return the means over groups of rows; without a pitch of the rows there is one group."""
-    pitch = rows.scanner.row_pitch_mm
-    groups = GROUPS if pitch is not None and stack.shape[1] >= FEWEST * GROUPS else 1
+def _data_of(stack: NDArray[np.float32], pitch_mm: float | None, cells: DetectorCells, begin_mm: float) -> PairData:
+    """Return the means over groups of rows, which begin at this height; without a pitch there is one group."""
+    groups = GROUPS if pitch_mm is not None and stack.shape[1] >= FEWEST * GROUPS else 1
     parts = np.array_split(np.arange(stack.shape[1]), groups)
     lines = np.stack([stack[:, part].mean(axis=1, dtype=np.float64) for part in parts], axis=1)
-    heights = np.array([(first + part.mean()) * (pitch or 0.0) + offset_mm for part in parts])
-    return PairData(bridged(lines), heights, cells)
+    return PairData(bridged(lines), np.array([part.mean() * (pitch_mm or 0.0) + begin_mm for part in parts]), cells)
 
 
 def bridged(lines: FloatArray) -> FloatArray:
@@ -155,9 +142,7 @@ def bridged(lines: FloatArray) -> FloatArray:
     return np.apply_along_axis(lambda row: np.interp(cells, cells[~dead], row[~dead]), -1, lines)
 
 
-def _result(
-    found: FoundPairs, ranges: Sequence[tuple[int, int]], board: Phantom, options: FixedPairsOptions
-) -> FixedPairsResult:
+def _result(found: FoundPairs, ranges: Sequence[slice], board: Phantom, options: FixedPairsOptions) -> FixedPairsResult:
     """Convert the answer of the science to the contract."""
     return FixedPairsResult(
         verdict=found.verdict,
@@ -168,12 +153,12 @@ def _result(
         scale_uncertainty_percent=found.scale_percent_95,
         pairs=[_pair(pair) for pair in found.pairs],
         passages=[BoardPose(x_mm=x, y_mm=y, roll_deg=math.degrees(roll)) for x, y, roll in found.poses],
-        rows=list(ranges),
+        rows=[(own.start, own.stop) for own in ranges],
         corners_rms_mm=found.corners_mm,
         residual_percent=100.0 * found.left_share,
         log_radius_mm=found.radius_mm,
         phantom=board.name,
-        outline_mm=[line.tolist() for line in board.moved(*(-value for value in board.centroid_mm)).outlines()],
+        outline_mm=[line.tolist() for line in board.centred().outlines()],
         options=options,
     )
 

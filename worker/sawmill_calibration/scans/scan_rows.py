@@ -216,7 +216,7 @@ def _prepared_rows(
                 source.options,
                 path,
                 detector_pitch_mm=read.detector_pitch_mm,
-                report=_part_of(on_progress, 0.0, PREPARING_SHARE),
+                report=part_of(on_progress, 0.0, PREPARING_SHARE),
             )
         with open_scan(path) as scan:
             opened = rows_of(
@@ -228,7 +228,7 @@ def _prepared_rows(
                 sha256=_sha256([source.path, *read.others]),
                 remarks=prepared.remarks,
                 averaged_rows=source.options.averaged_rows,
-                on_progress=_part_of(on_progress, PREPARING_SHARE, 1.0),
+                on_progress=part_of(on_progress, PREPARING_SHARE, 1.0),
             )
             # The file's own angles, without the rounding to degrees.
             views = chosen_views(source.views, scan.shape[0], scan.views_left_out)
@@ -314,7 +314,7 @@ def _sha256_of_file(path: Path) -> str:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
-def _part_of(on_progress: ProgressCallback, start: float, stop: float) -> ProgressCallback:
+def part_of(on_progress: ProgressCallback, start: float, stop: float) -> ProgressCallback:
     """Return a callback that maps the progress of a part of the work to a range of the progress of all work."""
 
     def on_part(progress: Progress) -> None:

@@ -7,7 +7,10 @@ from itertools import combinations
 
 import numpy as np
 
-from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, SourceFrame, to_vector
+from sawmill_tomography.calibration.judgement import Degree, Remark, combined
+from sawmill_tomography.calibration.scale import TWO_SIDED_95
+from sawmill_tomography.calibration.sinogram_data import counted_radius_mm
+from sawmill_tomography.geometry.geometry import TAU, FloatArray, GeometryError, SourceFrame, rotate, to_vector
 from sawmill_tomography.pairs.coarse import Nominal, Placed, likely, restarted, starts, together
 from sawmill_tomography.pairs.fine import CORNERS, FRAMES, FineFit
 from sawmill_tomography.pairs.passages import PairData, moved_frames
@@ -15,7 +18,6 @@ from sawmill_tomography.pairs.ray_errors import PairRays, PredictedRays, rigid_m
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.statistics import robust_deviation
 from sawmill_vocabulary import (
-    LARGEST_ASSUMED_LOG_RADIUS_MM,
     CellOrder,
     PairedScanner,
     Progress,
@@ -38,7 +40,6 @@ CERTAIN, FAR = 5.0, 4.0
 ALIKE_DEG, NO_FIT = 15.0, 0.05
 # Where a start leaves more of the shadow, the board's other side is tried; it is right where it leaves half as much.
 SUSPECT, OTHER = 0.025, 0.5
-TWO_SIDED_95 = 1.96
 # Means over thirds of the rows lie within this part of them.
 OF_ROWS = 2.0 / 3.0
 
@@ -105,7 +106,7 @@ def calibrate_pairs(task: PairsTask, *, on_progress: ProgressCallback = lambda _
         A pair sees nothing of the board, or no start leads to a geometry in front of all sources.
     """
     _check(task)
-    board = task.board.moved(*(-value for value in task.board.centroid_mm))
+    board = task.board.centred()
     nominal = _nominal(task.scanner)
     on_progress(Progress(fraction=0.05, stage="start"))
     orders, several = _ordered(board, task, nominal)
@@ -189,8 +190,7 @@ def _flipped(turned: tuple[bool, ...], places: Sequence[int]) -> tuple[bool, ...
 
 
 def _share_left(data: Sequence[PairData], placed: Placed) -> float:
-    shadow = sum(float(((one.lines - one.lines.min(axis=-1, keepdims=True)) ** 2).sum()) for one in data)
-    return math.sqrt(placed.power / shadow)
+    return math.sqrt(placed.power / sum(one.shadow_power for one in data))
 
 
 def _fitted(
@@ -228,7 +228,7 @@ def _found(
 ) -> FoundPairs:
     """Move the answer into the common frame, and judge it."""
     scanners = [pair.scanner for pair in task.scanner.pairs]
-    radius = task.radius_mm or min(LARGEST_ASSUMED_LOG_RADIUS_MM, board.radius_mm)
+    radius = counted_radius_mm(task.radius_mm, board)
     motion = rigid_motion(PairRays(scanners, nominal.frames, radius), fit.placed.frames)
     rays = PairRays(scanners, moved_frames(fit.placed.frames, motion.tolist()), radius)
     covariance = rays.without_motion(covariance, motion, fit.placed.frames)
@@ -258,61 +258,56 @@ def _found(
         "pass",
         (),
     )
-    remarks = list(_remarks(task, found, nominal, orders, converged=converged))
-    verdict: Verdict = min((degree for degree, _ in remarks), key=("fail", "watch", "pass").index, default="pass")
-    order = sorted(remarks, key=lambda remark: ("fail", "watch", "pass").index(remark[0]))
-    return replace(found, verdict=verdict, reasons=tuple(reason for _, reason in order))
+    judgement = combined([*_remarks(task, found, nominal, orders, converged=converged)])
+    return replace(found, verdict=judgement.verdict, reasons=judgement.reasons)
 
 
 def _moved_poses(poses: FloatArray, motion: FloatArray) -> FloatArray:
     """Return poses (passages, 3) in coordinates that are turned and shifted by a motion (3,)."""
-    c, s = math.cos(motion[2]), math.sin(motion[2])
-    x, y, roll = poses.T
-    moved = np.stack([c * x - s * y + motion[0], s * x + c * y + motion[1], roll + motion[2]], -1)
-    moved[:, 2] = np.mod(moved[:, 2], 2.0 * math.pi)
-    return np.asarray(moved)
+    x, y = rotate(motion[2], *poses[:, :2].T)
+    return np.stack([x + motion[0], y + motion[1], np.mod(poses[:, 2] + motion[2], TAU)], -1)
 
 
-def _misfits(found: FoundPairs, orders: _Orders) -> Iterator[tuple[Verdict, Reason]]:
+def _misfits(found: FoundPairs, orders: _Orders) -> Iterator[Remark]:
     """Say where the passages do not fit the drawing from this side."""
     if found.left_share > NO_FIT:
         shares = {"left_percent": 100.0 * found.left_share, "allowed_percent": 100.0 * NO_FIT}
-        yield "fail", PairMessage.NO_FIT(**shares)
+        yield Remark(Degree.FAIL, PairMessage.NO_FIT(**shares))
     if orders.other_share < OTHER * orders.left_share:
         sides = {"other_percent": 100.0 * orders.other_share, "left_percent": 100.0 * orders.left_share}
-        yield "fail", PairMessage.OTHER_SIDE(**sides)
+        yield Remark(Degree.FAIL, PairMessage.OTHER_SIDE(**sides))
 
 
 def _remarks(
     task: PairsTask, found: FoundPairs, nominal: Nominal, orders: _Orders, *, converged: bool
-) -> Iterator[tuple[Verdict, Reason]]:
+) -> Iterator[Remark]:
     """Say what is wrong or uncertain, with the verdict that follows."""
     misfits = [*_misfits(found, orders)]
     if misfits:
         yield from misfits
         return
     if not converged:
-        yield "fail", PairMessage.NOT_CONVERGED()
+        yield Remark(Degree.FAIL, PairMessage.NOT_CONVERGED())
     middles, rows_mm = [one.heights_mm.mean() for one in task.data], np.ptp(task.data[0].heights_mm) / OF_ROWS
     if rows_mm and np.ptp(middles) > rows_mm:
-        yield "watch", PairMessage.APART(apart_mm=float(np.ptp(middles)), rows_mm=float(rows_mm))
+        yield Remark(Degree.WATCH, PairMessage.APART(apart_mm=float(np.ptp(middles)), rows_mm=float(rows_mm)))
     if found.rays.upper_95_mm > task.tolerance_mm:
         sizes = {"rms_mm": found.rays.rms_mm, "upper_mm": found.rays.upper_95_mm, "allowed_mm": task.tolerance_mm}
-        yield "watch", PairMessage.ROLL_AGAIN(passages=len(found.poses), **sizes)
+        yield Remark(Degree.WATCH, PairMessage.ROLL_AGAIN(passages=len(found.poses), **sizes))
         for (first, one), (second, other) in combinations(enumerate(found.poses, 1), 2):
             apart_deg = abs(math.degrees(angle_difference(one[2], other[2])))
             if apart_deg < ALIKE_DEG:
-                yield "watch", PairMessage.LIES_ALIKE(first=first, second=second, apart_deg=apart_deg)
+                yield Remark(Degree.WATCH, PairMessage.LIES_ALIKE(first=first, second=second, apart_deg=apart_deg))
     if found.scale_percent_95 > task.scale_tolerance_percent:
         sizes = {"percent": found.scale_percent_95, "allowed_percent": task.scale_tolerance_percent}
-        yield "watch", PairMessage.SCALE(**sizes)
+        yield Remark(Degree.WATCH, PairMessage.SCALE(**sizes))
     for number, (pair, expected) in enumerate(zip(found.pairs, nominal.frames, strict=True), 1):
         if pair.order_deviations is not None and pair.order_deviations < CERTAIN:
-            yield "watch", PairMessage.ORDER_UNCERTAIN(pair=number, deviations=pair.order_deviations)
+            yield Remark(Degree.WATCH, PairMessage.ORDER_UNCERTAIN(pair=number, deviations=pair.order_deviations))
         elif pair.cell_order is CellOrder.COUNTER_CLOCKWISE and pair.order_deviations is not None:
-            yield "pass", PairMessage.BACKWARDS(pair=number, deviations=pair.order_deviations)
+            yield Remark(Degree.NOTE, PairMessage.BACKWARDS(pair=number, deviations=pair.order_deviations))
         off = to_vector(pair.frame) - expected
         off[[0, 4]] = np.angle(np.exp(1j * off[[0, 4]]))
         farthest = float((np.abs(off) / nominal.deviations[number - 1]).max())
         if farthest > FAR:
-            yield "watch", PairMessage.FAR_AWAY(pair=number, deviations=farthest)
+            yield Remark(Degree.WATCH, PairMessage.FAR_AWAY(pair=number, deviations=farthest))

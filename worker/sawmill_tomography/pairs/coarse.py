@@ -10,7 +10,7 @@ from itertools import product
 import numpy as np
 
 from sawmill_tomography.geometry.fit_parameters import GramTerm
-from sawmill_tomography.geometry.geometry import TAU, FloatArray, SourceFrame
+from sawmill_tomography.geometry.geometry import TAU, FloatArray, SourceFrame, rotate
 from sawmill_tomography.pairs.passages import PairData, by_pose, seen_by_views
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.projection import analytic
@@ -72,9 +72,7 @@ def poses_alone(board: Phantom, data: Sequence[PairData], frames: FloatArray) ->
     poses[:, 2] = rolls
     lines = [np.repeat(one.lines[:, 0], ROLLS, axis=0) for one in data]
     middles = np.repeat(_middles(data, frames), ROLLS, axis=0)
-    c, s = np.cos(rolls), np.sin(rolls)
-    x, y = board.centroid_mm
-    poses[:, :2] = middles - np.stack([c * x - s * y, s * x + c * y], -1)
+    poses[:, :2] = middles - np.stack(rotate(rolls, *board.centroid_mm), -1)
     damping = np.full(rolls.size, 1e-2)
 
     def system(at: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -47,6 +47,14 @@ MOST_CORNERS = 24
 STEPS, CONVERGED, ROUGHLY = 30, 0.1, 1e-3
 # Neighbouring cells whose residuals are compared.
 LAGS = 24
+# Standard deviations of densities of patches that do not vary, and the precision of what is held.
+LEAST_VARIATION, HELD = 1e-4, 1e14
+# Rounded corners, mm^2, and blur, cells^2, of smaller sizes are none.
+LEAST_SIZE = 1e-3
+# At least 5 % of the intensity remain.
+LEAST_ADDED = -0.95
+# At least this share of a sample's variance is its own.
+OWN_SHARE = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,13 +137,13 @@ class FineFit:
         self.weights = [np.ones_like(lines) for lines in self.lines]
         self.shares = [np.zeros(one.cells.count) for one in data]
         self._of_densities = dict[int, FloatArray]()
+        self.attenuation = [1.0] * len(data)
         self.attenuation = [self._attenuation(number) for number in range(len(data))]
         self.longest = [float(np.ptp(lines)) for lines in self.lines]
         self.weigh()
 
     def _attenuation(self, number: int) -> float:
         """Return the attenuation per mm of one pair, by regression of the lines on the board's lengths."""
-        self.attenuation = [1.0] * len(self.data)
         model = self.model(self.x, number).with_view_gains(self.weights[number])
         return float(np.median(model.gain))
 
@@ -188,14 +196,12 @@ class FineFit:
     def _optics(self, x: FloatArray, number: int) -> FloatArray:
         return np.asarray(x[self.layout.part(OPTICS)].reshape(self.layout.pairs, -1)[number])
 
-    def prediction(self, x: FloatArray, number: int, model: ScanModel | None = None) -> FloatArray:
+    def prediction(self, x: FloatArray, number: int) -> FloatArray:
         """Return the line integrals (views, cells) that one pair should measure."""
-        primary = self._primary(x, number, self.model(x, number) if model is None else model)
-        scatter = self._optics(x, number)[SCATTERED]
-        if not scatter.any():
+        primary = self._primary(x, number, self.model(x, number))
+        if not self._optics(x, number)[SCATTERED].any():
             return primary
-        added = np.tensordot(scatter, self._halos(primary, number), 1)
-        return np.asarray(primary - np.log1p(np.maximum(added, LEAST_ADDED)))
+        return np.asarray(primary - np.log(self._halos(x, number, primary)[1]))
 
     def _primary(self, x: FloatArray, number: int, model: ScanModel) -> FloatArray:
         """Return the line integrals of one pair without scatter."""
@@ -214,9 +220,13 @@ class FineFit:
         share = straight / self.longest[number]
         return np.stack([straight * share, straight * share**2, straight * share**3])
 
-    def _halos(self, lines: FloatArray, number: int) -> FloatArray:
-        """Return the intensities that scatter adds for each kind, as a share of the cell's own."""
-        return np.asarray(self._spread(-np.expm1(-lines), number) * np.exp(lines))
+    def _halos(self, x: FloatArray, number: int, primary: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return what scatter of each kind adds as a share of a cell's own intensity, and the whole intensity so."""
+        if not self.from_counts:
+            return np.zeros((len(HALOS_MM) + 1, *primary.shape)), np.ones_like(primary)
+        halos = self._spread(-np.expm1(-primary), number) * np.exp(primary)
+        added = np.tensordot(self._optics(x, number)[SCATTERED], halos, 1)
+        return halos, np.asarray(1.0 + np.maximum(added, LEAST_ADDED))
 
     def _spread(self, lost: FloatArray, number: int) -> FloatArray:
         """Return where intensity that is lost in the cells (..., cells) is scattered to, (kinds, ..., cells)."""
@@ -267,9 +277,11 @@ class FineFit:
         All are times the root of the weights.
         """
         layout, model = self.layout, self.model(x, number)
-        predicted = self.prediction(x, number, model)
         rows, views, passages = model.deformations, len(model.gain), layout.passages
-        blurring, through = self._blurring(model), self._scattering(x, number, self._primary(x, number, model))
+        primary = self._primary(x, number, model)
+        halos, total = self._halos(x, number, primary)
+        predicted = primary - np.log(total)
+        blurring, through = self._blurring(model), self._scattering(x, number, primary, total)
 
         def soft(rows: FloatArray) -> FloatArray:
             return through(blurring(rows))
@@ -287,7 +299,7 @@ class FineFit:
         blurred = (self.prediction(self._changed(x, number, Term.BLUR, BLUR_STEP), number) - predicted) / BLUR_STEP
         across = np.stack([np.broadcast_to(row, predicted.shape) for row in (model.across, model.across**2)])
         bent = through(np.concatenate([across, self._bent(number, straight)]))
-        optics = [blurred, *bent[:2], *self._by_scatter(x, number, model), *bent[2:]]
+        optics = [blurred, *bent[:2], *(-halos / total), *bent[2:]]
         gains = soft(np.stack([model.sharp - model.offset, np.ones_like(predicted)]))
         gains[0] *= self.attenuation[number] / model.gain
         of_views = (of_passage * gains).reshape(-1, *predicted.shape)
@@ -327,21 +339,13 @@ class FineFit:
             moved[one] = (there.lengths - model.lengths) / CORNER_STEP_MM
         return moved
 
-    def _by_scatter(self, x: FloatArray, number: int, model: ScanModel) -> FloatArray:
-        """Return the derivatives of the prediction by the shares of scatter, (kinds, views, cells)."""
-        if not self.from_counts:
-            return np.zeros((len(HALOS_MM) + 1, *model.lengths.shape))
-        halos = self._halos(self._primary(x, number, model), number)
-        added = np.tensordot(self._optics(x, number)[SCATTERED], halos, 1)
-        return np.asarray(-halos / (1.0 + np.maximum(added, LEAST_ADDED)))
-
-    def _scattering(self, x: FloatArray, number: int, primary: FloatArray) -> Callable[[FloatArray], FloatArray]:
+    def _scattering(
+        self, x: FloatArray, number: int, primary: FloatArray, total: FloatArray
+    ) -> Callable[[FloatArray], FloatArray]:
         """Return the map from changes of primary line integrals to changes of the prediction, to first order."""
-        scatter = self._optics(x, number)[SCATTERED]
+        scatter, own = self._optics(x, number)[SCATTERED], np.exp(primary)
         if not scatter.any():
             return np.asarray
-        own = np.exp(primary)
-        total = 1.0 + np.maximum(np.tensordot(scatter, self._halos(primary, number), 1), LEAST_ADDED)
 
         def through(rows: FloatArray) -> FloatArray:
             changed = np.tensordot(scatter, self._spread(rows / own, number), 1)
@@ -448,7 +452,8 @@ class FineFit:
         """Let the wood's density vary from patch to patch, as much as the scan says."""
         for number in range(len(self.data)):
             model = self.model(self.x, number)
-            body, through = model.drawing, self._scattering(self.x, number, self._primary(self.x, number, model))
+            body, primary = model.drawing, self._primary(self.x, number, model)
+            through = self._scattering(self.x, number, primary, self._halos(self.x, number, primary)[1])
             lengths = [model.project(replace(body, shapes=shapes)) for shapes in wood_patches(self.board)]
             self.patches[number] = self._blurring(model)(model.gain * np.array(lengths))
             self.patch_columns[number] = through(self.patches[number])
@@ -470,12 +475,11 @@ class FineFit:
     def share_left(self) -> float:
         """Return the RMS of the residual as a share of the RMS of the shadows."""
         left = sum(float((self.residual(self.x, number) ** 2).sum()) for number in range(len(self.data)))
-        shadow = sum(float(((lines - lines.min(axis=1, keepdims=True)) ** 2).sum()) for lines in self.lines)
-        return math.sqrt(left / shadow)
+        return math.sqrt(left / sum(one.shadow_power for one in self.data))
 
     def temper(self) -> None:
         """Weigh all samples less, by what neighbouring cells share in the residual: misfit is weak evidence."""
-        residuals = [self.columns(self.x, number)[2] for number in range(len(self.data))]
+        residuals = [self.residual(self.x, number) * np.sqrt(weights) for number, weights in enumerate(self.weights)]
         groups = self.data[0].lines.shape[1]
         shared = correlation([_of_groups(one, groups) for one in residuals])
         excess = max(1.0, 1.0 + float(shared[0] + 2.0 * shared[1:].sum()))
@@ -501,18 +505,6 @@ class FineFit:
         inverse = scaled_inverse(normal)
         covariance: FloatArray = inverse @ spread @ inverse
         return covariance
-
-
-# Standard deviations of densities of patches that do not vary, and the precision of what is held.
-LEAST_VARIATION, HELD = 1e-4, 1e14
-# Rounded corners, mm^2, and blur, cells^2, of smaller sizes are none.
-LEAST_SIZE = 1e-3
-# At least 5 % of the intensity remain.
-LEAST_ADDED = -0.95
-
-
-# At least this share of a sample's variance is its own.
-OWN_SHARE = 0.2
 
 
 def striped(residual: FloatArray) -> float:

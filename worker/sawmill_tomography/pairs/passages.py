@@ -31,6 +31,11 @@ class PairData:
         return PairData(means, self.heights_mm.mean(keepdims=True), wider)
 
     @property
+    def shadow_power(self) -> float:
+        """Sum of squares of the line integrals above the least of each line."""
+        return float(((self.lines - self.lines.min(axis=-1, keepdims=True)) ** 2).sum())
+
+    @property
     def reversed(self) -> "PairData":
         """The data with the cells in the other order."""
         return replace(self, lines=np.ascontiguousarray(self.lines[..., ::-1]))

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from sawmill_tomography.geometry.detector_shape import cell_points
-from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, SourceFrame
+from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, SourceFrame, rotate
 from sawmill_tomography.pairs.passages import moved_frames
 from sawmill_tomography.statistics import exceeded_chi_square
 from sawmill_vocabulary import Scanner
@@ -81,41 +81,29 @@ class PairRays:
 
     def distances(self, frames: FloatArray) -> FloatArray:
         """Return by how much the rays of other frames miss the points, (points,) mm, signed."""
-        misses, first = [], 0
+        normals, sources = self._lines(frames)
+        return np.asarray(np.einsum("pc,pc->p", normals, sources - self.points))
+
+    def _lines(self, frames: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the normal of the ray to each point's cell, and the ray's source, (points, 2) both."""
+        normals, sources = [], []
         for scanner, frame, cells in zip(self.scanners, frames, self.cells, strict=True):
             source, angle = _rays(scanner, frame)
-            normal = np.repeat(np.stack([-np.sin(angle), np.cos(angle)], -1)[cells], 2, axis=0)
-            own = self.points[first : first + len(normal)]
-            first += len(normal)
-            misses.append(np.einsum("pc,pc->p", normal, source - own))
-        return np.concatenate(misses)
+            normals.append(np.repeat(np.stack([-np.sin(angle), np.cos(angle)], -1)[cells], 2, axis=0))
+            sources.append(np.broadcast_to(source, normals[-1].shape))
+        return np.concatenate(normals), np.concatenate(sources)
 
     @cached_property
     def gauge(self) -> FloatArray:
         """Change of the distances by a shift along x and y, a turn, and a common scale, (points, 4)."""
-        normals, sources = [], []
-        for scanner, frame, cells in zip(self.scanners, self.frames, self.cells, strict=True):
-            source, angle = _rays(scanner, frame)
-            normals.append(np.repeat(np.stack([-np.sin(angle), np.cos(angle)], -1)[cells], 2, axis=0))
-            sources.append(np.broadcast_to(source, normals[-1].shape))
-        n, s = np.concatenate(normals), np.concatenate(sources)
+        n, s = self._lines(self.frames)
         turned = n[:, 1] * self.points[:, 0] - n[:, 0] * self.points[:, 1]
         return np.column_stack([n, turned, np.einsum("pc,pc->p", n, s)])
 
     @cached_property
     def slopes(self) -> FloatArray:
         """Derivatives of the distances by the frames, (points, 5 pairs)."""
-        slopes = np.zeros((len(self.points), self.frames.size))
-        for number in range(len(self.frames)):
-            own = self.of_pair == number
-            for parameter, step in enumerate(STEPS):
-                ends = []
-                for way in (step, -step):
-                    moved = self.frames.copy()
-                    moved[number, parameter] += way
-                    ends.append(self.distances(moved)[own])
-                slopes[own, 5 * number + parameter] = (ends[0] - ends[1]) / (2.0 * step)
-        return slopes
+        return _slopes(self.distances, self.frames, np.tile(STEPS, len(self.frames)))
 
     @cached_property
     def to_gauge(self) -> FloatArray:
@@ -142,12 +130,8 @@ class PairRays:
 
         `covariance` belongs to `frames` (pairs, 5) before the motion (3,).
         """
-        moved = np.stack(
-            [_slope(lambda x: moved_frames(x, motion.tolist()), frames, one) for one in range(frames.size)], -1
-        )
-        rigid = np.stack(
-            [_slope(lambda x: moved_frames(self.frames, x.tolist()), np.zeros(3), one) for one in range(3)], -1
-        )
+        moved = _slopes(lambda x: moved_frames(x, motion.tolist()), frames, np.tile(STEPS, len(frames)))
+        rigid = _slopes(lambda x: moved_frames(self.frames, x.tolist()), np.zeros(3), STEPS[[1, 2, 0]])
         kept = (np.eye(frames.size) - rigid @ self.to_gauge[:3]) @ moved
         left: FloatArray = kept @ covariance @ kept.T
         return left
@@ -158,16 +142,10 @@ class PairRays:
         return math.sqrt(max(float(row @ covariance @ row), 0.0))
 
 
-def _slope(of: Callable[[FloatArray], FloatArray], at: FloatArray, place: int) -> FloatArray:
-    """Return the derivative of a function of numbers (n,) or (pairs, 5) by one of them, as one list."""
-    step = STEPS[place % 5] if at.size > 3 else STEPS[1] if place < 2 else STEPS[0]
-    ends = []
-    for way in (step, -step):
-        moved = at.copy()
-        moved.flat[place] += way
-        ends.append(of(moved).ravel())
-    slope: FloatArray = (ends[0] - ends[1]) / (2.0 * step)
-    return slope
+def _slopes(of: Callable[[FloatArray], FloatArray], at: FloatArray, steps: FloatArray) -> FloatArray:
+    """Return the derivatives of a function's values, as one list, by its n numbers, (values, n)."""
+    ends = [[of(at + way.reshape(at.shape)).ravel() for way in np.diag(sign * steps)] for sign in (1.0, -1.0)]
+    return np.asarray((np.stack(ends[0], -1) - np.stack(ends[1], -1)) / (2.0 * steps))
 
 
 @dataclass(frozen=True)
@@ -199,9 +177,7 @@ def _nearest(true: PairRays, frames: FloatArray, *, scaled: bool) -> tuple[Float
         misses = true.distances(_placed(frames, motion, scale))
         step = np.append(np.linalg.lstsq(gauge, -misses)[0], [] if scaled else 0.0)
         # The step turns about the origin after what was moved before.
-        c, s = math.cos(step[2]), math.sin(step[2])
-        x, y, turn = motion
-        motion = np.array([c * x - s * y + step[0], s * x + c * y + step[1], turn + step[2]])
+        motion = np.add(step[:3], [*rotate(step[2], *motion[:2]), motion[2]])
         scale *= 1.0 + step[3]
         if np.abs(step).max() < 1e-12:
             break

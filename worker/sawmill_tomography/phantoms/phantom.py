@@ -75,6 +75,11 @@ class Phantom:
         """Return the phantom shifted by (x, y)."""
         return self._mapped(1.0, 1.0, x_mm, y_mm)
 
+    def centred(self) -> "Phantom":
+        """Return the phantom with its centre of gravity at the origin."""
+        x_mm, y_mm = self.centroid_mm
+        return self.moved(-x_mm, -y_mm)
+
     def scaled(self, factor: float) -> "Phantom":
         """Return the phantom with every length times factor."""
         shapes = tuple(

@@ -8,11 +8,19 @@ import numpy as np
 from sawmill_tomography.geometry.geometry import FloatArray, SourceFrame
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.physics.body import Motion, stand
-from sawmill_tomography.physics.simulate import NOTHING, Converter, Counts, signal, spoil, transmission, tube_output
+from sawmill_tomography.physics.simulate import (
+    FIELDS,
+    NOTHING,
+    Converter,
+    Counts,
+    signal,
+    spoil,
+    transmission,
+    tube_output,
+)
 from sawmill_vocabulary import CellOrder, PairedScanner
 from sawmill_vocabulary.physics import Physics
 
-FIELDS = 10
 _WOOD, _TUBE, _CELLS, _NOISE, _SPOILT = range(5)
 
 
