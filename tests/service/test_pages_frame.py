@@ -179,7 +179,7 @@ TEMPLATES = ROOT / "service/sawmill_service/templates/pages"
 # Folders of the sources, which an installation has not: a document names their files, and the site has no link there.
 SOURCES = (".github", "benchmarks", "installation", "openapi", "service", "tests", "worker")
 # What the policy would forbid, or allows for the API console alone.
-INLINE = r"<script(?! type=.module. src=./static/)|<style|<[^>]* (?:style|on\w+)="
+INLINE = r"<script(?!(?: type=.module.)? src=./static/)|<style|<[^>]* (?:style|on\w+)="
 
 
 def article(html: str) -> str:

@@ -1,7 +1,7 @@
 """A login in a browser: what it opens, and until when."""
 
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Page, Route, expect
 
 from sawmill_contracts.calibrations import CalibrationRequest
 from sawmill_platform.contracts.keys import KeyRequest, Scope
@@ -54,8 +54,10 @@ def test_two_people_see_one_result_and_an_ended_session_loses_no_answer(site, st
     result = f"/calibrate?calibration={newer}"
     hers, his = (site.open(result, locale=locale) for locale in ("en-GB", "fi-FI"))
     log_in(hers, "Key", anna.secret)
+    # His line is slow: the form is there before the page's script. He is about to discard it when his session ends:
+    # nothing is changed, and his reason is still there.
+    his.route("**/kept_answers.js", slow_line)
     log_in(his, "Avain", bert.secret)
-    # He is about to discard it when his session ends: nothing is changed, and his reason is still there.
     his.get_by_text("Hylkää", exact=True).click()
     his.get_by_label("Muu syy:").check()
     his.get_by_label("Muu syy", exact=True).fill("tukki heilui")
@@ -93,6 +95,11 @@ def test_two_people_see_one_result_and_an_ended_session_loses_no_answer(site, st
     hers.get_by_role("main").get_by_role("link", name="Log in").click()
     log_in(hers, "Key", TOKEN)
     expect(hers).to_have_url(f"{site.address}/calibrate?scanner=example")
+
+
+def slow_line(route: Route) -> None:
+    route.request.frame.page.wait_for_timeout(1000)
+    route.continue_()
 
 
 def log_in(page: Page, label: str, secret: str) -> None:

@@ -1,4 +1,5 @@
-// The answers of a form that was sent after the session had ended are in their fields again after the login.
+// The answers of a form that was sent after the session had ended are in their fields again after the login. This script
+// is no module: it is there before the first form is drawn, for whoever sends one while other scripts are still coming.
 const KEY = "sawmill-answers";
 const here = location.pathname + location.search;
 const sent = JSON.parse(sessionStorage.getItem(KEY) ?? "null");
@@ -17,10 +18,12 @@ function fill(form, answers) {
 }
 
 if (sent?.page === here && document.referrer && new URL(document.referrer).pathname === "/login") {
-  const form = document.querySelector(`form[method="post"][action="${CSS.escape(sent.action)}"]`);
-  if (form) {
-    fill(form, sent.answers);
-  }
+  document.addEventListener("DOMContentLoaded", () => {
+    const form = document.querySelector(`form[method="post"][action="${CSS.escape(sent.action)}"]`);
+    if (form) {
+      fill(form, sent.answers);
+    }
+  });
 }
 
 document.addEventListener("submit", ({ target: form, defaultPrevented }) => {
