@@ -143,6 +143,12 @@ class CalibrationMessage(Message):
         N_("Fasten the phantom, let the scanner warm up, check what carries source and detector, and repeat the scan."),
         N_("%(headline)s The geometry is the mean of the scan: the next log is off from it by half of the motion."),
     )
+    MOVED_OFTEN = (
+        "moved-often",
+        N_("Phantom or scanner moved at %(times)d views of the scan: the rays may be off by %(may_be_mm).2g mm."),
+        N_("Fasten the phantom, check what carries source, turntable and detector, and repeat the scan."),
+        N_("%(headline)s Other motions may explain the scan as well."),
+    )
     SATURATED = (
         "cells-saturated",
         N_("Too many detector cells are saturated: %(share_percent).0f %%, and %(allowed_percent).0f %% is allowed."),

@@ -5,7 +5,7 @@ those that are fitted (`groups.py`); the ends of several climbs are the sets of 
 (`motion_sets.py`).
 """
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import accumulate, chain, pairwise
 
@@ -102,9 +102,9 @@ ROUNDING = 2e-4
 LATEST_MOVE = 9
 # A module is likelier beforehand than another effect: its limit of chance is this much larger (benchmarks/families.py).
 MODULE_TRIALS = 0.1
-# A detector may hide one module, and this number of further ones where the scan shows fewer than `MANY_FOUND`
-# (benchmarks/families.py).
-FURTHER_HIDDEN, MANY_FOUND = 2, 2
+# A detector may hide one module, and further ones: the first number where the scan shows none, and the second where it
+# shows fewer than that (benchmarks/families.py).
+FURTHER_HIDDEN, FURTHER_THAN_FOUND = 2, 4
 # Where no more is structured than the precision of the drawing leaves, an effect explains one of this number of shares
 # by chance: the sides of a drawing are each off as a whole.
 OF_DRAWING, EDGES = 30.0, 0.75
@@ -349,6 +349,8 @@ class JointFitter:
         more = self._further_modules(grams, penalised, posterior.used, first_cells_of(tried) if same else ())
         if not (same and self._dropped_places(tried)):
             more = self._further_places(grams, penalised, posterior) or more
+        # Cells cannot follow an arc that bends away from the source: the fit would take the same step in each round.
+        same = not self._dropped_impossible(filter(_is_place, before)) and same
         if share == 0.0:
             return True
         if share < 1.0 or not small or not same or more:
@@ -583,7 +585,8 @@ class JointFitter:
         # A detector that shows none hides further ones as far as the first does not take the evidence: the wood's
         # structure looks like one.
         left = 1.0 if found else 1.0 - sum(float(one.probabilities.sum()) for one in hidden) ** 2
-        for _ in range(FURTHER_HIDDEN if len(found) < MANY_FOUND else 0):
+        further = (FURTHER_THAN_FOUND if found else FURTHER_HIDDEN) if len(found) < FURTHER_THAN_FOUND else 0
+        for _ in range(further):
             yield tuple(replace(one, probabilities=left * one.probabilities) for one in hidden)
         for module in sorted(found, key=lambda one: one.first_cell):
             places = self._places_of(module, grams, system, used)
@@ -650,16 +653,7 @@ class JointFitter:
 
     def _settled(self, system: System, change: FloatArray) -> bool:
         """Return whether effects are possible, all scatter is fitted, averaging follows; else change the model."""
-        impossible = [one for one in self.fitted if not one.effect.possible(self.model, one.sizes)]
-        for one in impossible:
-            self.model = moved(self.model, one.columns, -one.sizes)
-            self.fitted.remove(one)
-            self.size_of.pop(one)
-            if not is_module(one):
-                self.waiting.append(Fitted(one.effect, one.columns, one.trials, declined=True))
-        self.unneeded |= first_cells_of(impossible)
-        self.model = self._with_fitted_modules()
-        if impossible:
+        if self._dropped_impossible(self.fitted):
             return False
         if self.angle_variance == 0.0 and Adjustment.ANGLE_JITTER not in self.without:
             self.angle_variance = angle_scatter(system, change, self.variance)
@@ -669,6 +663,22 @@ class JointFitter:
             return True
         self.model, self.averaging = _with_new_averaging(self.model, self.averaging)[0], None
         return False
+
+    def _dropped_impossible(self, effects: Iterable[Fitted]) -> bool:
+        """Drop those of these effects that are fitted and not possible; return whether there were any."""
+        impossible = [one for one in effects if one in self.fitted and not one.effect.possible(self.model, one.sizes)]
+        for one in impossible:
+            self.model = moved(self.model, one.columns, -one.sizes)
+            self.fitted.remove(one)
+            self.size_of.pop(one)
+            if not is_module(one):
+                self.waiting.append(Fitted(one.effect, one.columns, one.trials, declined=True))
+        out = first_cells_of(impossible)
+        self.unneeded |= out
+        self.model = with_modules(
+            self.model, (one for one in self.model.data.cells.modules if one.first_cell not in out)
+        )
+        return bool(impossible)
 
 
 def _shown_but_declined(

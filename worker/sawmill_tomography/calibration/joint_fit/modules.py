@@ -40,8 +40,6 @@ HIDDEN = 2.0
 HIDDEN_GAPS_CELLS, HIDDEN_KINKS_RAD = np.geomspace(0.05, 3.0, 12), np.radians(np.geomspace(0.03, 3.0, 12))
 # Readings with a smaller likelihood are left out.
 LEAST_WEIGHT = 1e-3
-# Larger exponents are cut, against overflow.
-LARGEST_EXPONENT = 100.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,13 +179,14 @@ class ModuleSearch:
         """
         left = self._left()
         factors = [np.concatenate([-each, each]) for each in (self._width_mm * HIDDEN_GAPS_CELLS, HIDDEN_KINKS_RAD)]
-        ratios = np.zeros((2, factors[0].size, left.seen.size))
+        exponents = np.full((2, factors[0].size, left.seen.size), -np.inf)
         for kind, information in enumerate((left.gap, left.kink)):
             known, factor = left.seen & np.isfinite(information), factors[kind][:, None]
-            exponent = (factor * left.scores[kind][known] - 0.5 * factor**2 * information[known]) / variance
-            ratios[kind][:, known] = np.exp(np.minimum(exponent, LARGEST_EXPONENT))
-        ratios *= expected / (2 * factors[0].size * max(int(left.seen.sum()), 1))
-        probabilities = ratios / (1.0 + ratios.sum())
+            score = factor * left.scores[kind][known]
+            exponents[kind][:, known] = (score - 0.5 * factor**2 * information[known]) / variance
+        most = max(float(exponents.max()), 0.0)
+        ratios = np.exp(exponents - most) * expected / (2 * factors[0].size * max(int(left.seen.sum()), 1))
+        probabilities = ratios / (math.exp(-most) + ratios.sum())
         for first in range(0, left.seen.size, NEAR):
             some = probabilities[..., first : first + NEAR]
             cell = first + int(some.sum(axis=(0, 1)).argmax())

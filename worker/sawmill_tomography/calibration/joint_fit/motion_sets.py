@@ -4,6 +4,7 @@ The sets are searched from several starts, since each end of a climb stands for 
 ray error's bound counts all of them, and in each the groups and sizes that are not the likeliest.
 """
 
+import math
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -21,6 +22,7 @@ from sawmill_tomography.calibration.joint_fit.groups import (
     is_motion,
     is_on_detector,
 )
+from sawmill_tomography.calibration.joint_fit.modules import LEAST_WEIGHT
 from sawmill_tomography.calibration.joint_fit.normal_equations import ViewGrams
 from sawmill_tomography.calibration.joint_fit.slip import jump_at, likeliest_slip, places_of_slips, slip_at
 from sawmill_tomography.geometry.geometry import FloatArray
@@ -33,8 +35,9 @@ MOST_SLIPS = 3
 MOST_MOTIONS, LEFT = 6, 3
 # Motions are looked at where the evidence of one is larger than this (logarithm).
 SUSPECTED = -2.0
-# Sets of motions with a smaller probability are left out.
-LEAST_PROBABILITY = 1e-3
+# Where something moves, the bound counts any other motion as likelier by this factor: what is loose moves again
+# (benchmarks/families.py).
+UNSTEADY = 3.0
 # An effect that is likelier than this is named alone, and otherwise with at most this number of others.
 NAMED, OTHERS = 0.5, 2
 # A slip may be this number of views away from where it was found.
@@ -89,7 +92,7 @@ class MotionSets:
         weights = np.array([self._climb.weighed(each) for each in sets])
         weights = np.exp(weights - weights.max())
         weights /= weights.sum()
-        kept = [n for n, weight in enumerate(weights) if n == 0 or weight > LEAST_PROBABILITY]
+        kept = [n for n, weight in enumerate(weights) if n == 0 or weight > LEAST_WEIGHT]
         return [(sets[n], float(weights[n] / weights[kept].sum())) for n in kept]
 
     def instead_of(self, one: Fitted) -> list[Reason]:
@@ -275,7 +278,11 @@ class MotionSets:
         """Return the evidence of each other size of a group: of 0 where it is fitted."""
         evidence = self._climb.evidence(posterior, group)
         fitted = posterior.sizes.get(group)
-        return evidence.tolist() if fitted is None else [-group.at(evidence, fitted)]
+        if fitted is not None:
+            return [-group.at(evidence, fitted)]
+        moves = is_motion(group.one) and any(is_motion(each.one) for each in posterior.sizes)
+        others: list[float] = (evidence + (math.log(UNSTEADY) if moves else 0.0)).tolist()
+        return others
 
     @staticmethod
     def _moves(posterior: Posterior, group: Group, others: Sequence[int]) -> Iterator[tuple[FloatArray, FloatArray]]:

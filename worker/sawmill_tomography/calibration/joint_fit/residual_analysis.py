@@ -62,6 +62,11 @@ class ResidualAnalysis:
         return (*of_cells, *(AdjustmentMessage.FITTED(each.reason) for each in named))
 
     @property
+    def jumps(self) -> int:
+        """Number of views at which the phantom or the scanner moved."""
+        return sum(effect.fitted and effect.adjustment is Adjustment.SLIP for effect in self.effects)
+
+    @property
     def phantom_moved(self) -> bool:
         """True if the phantom slipped or crept during the scan."""
         return any(effect.adjustment in {Adjustment.SLIP, Adjustment.CREEP} for effect in self.effects)
