@@ -122,17 +122,13 @@ def _gone_files_are_outages(attempt: protocol.Attempt[Any]) -> Iterator[None]:
         yield
     except Exception as error:
         ours = [str(path) for path in (attempt.output, attempt.given.file) if path is not None]
-        for cause in _with_causes(error):
+        cause: BaseException | None = error
+        while cause is not None:
             if isinstance(cause, FileNotFoundError) and any(path in str(cause) for path in ours):
                 msg = "the data folder was away, or lacks a file of the job's: the attempt was given up; look at "
                 raise FolderUnavailable(f"{msg}its disk or mount in the system's log") from error
+            cause = cause.__cause__ or cause.__context__
         raise
-
-
-def _with_causes(error: BaseException | None) -> Iterator[BaseException]:
-    while error is not None:
-        yield error
-        error = error.__cause__ or error.__context__
 
 
 def _attempt_at(assignment: protocol.Assignment, work: protocol.Work[Any], channel: BinaryIO) -> protocol.Attempt[Any]:

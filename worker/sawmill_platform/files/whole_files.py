@@ -95,12 +95,9 @@ def flush_names(folder: Path) -> None:
 
 def open_regular(path: Path) -> io.BufferedReader:
     """Open a regular file to read: no link is followed and no pipe waited for."""
-    file = open(path, "rb", opener=_without_following)  # noqa: SIM115 - the caller's; Path has no opener
+    # The caller closes the file; Path.open has no opener.
+    file = open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NOFOLLOW | os.O_NONBLOCK))  # noqa: SIM115
     if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
         file.close()
         raise OSError(errno.EINVAL, "is no ordinary file", str(path))
     return file
-
-
-def _without_following(path: str, flags: int) -> int:
-    return os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK)

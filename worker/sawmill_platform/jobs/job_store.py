@@ -377,7 +377,8 @@ class Jobs:
             row = session.scalar(select(JobRow).where(_silent(pulse)).with_for_update())
             if row is None:
                 return None
-            self._fail(session, row, _worker_lost(row), retries)
+            lost = f"attempt {row.attempt} ended unanswered: its worker {row.worker!r} stopped or lost its connection"
+            self._fail(session, row, Failure(kind=FailureKind.PASSING, code="worker-lost", detail=lost), retries)
             session.flush()
             return read_job(row)
 
@@ -534,14 +535,6 @@ def _wait(row: JobRow, now: datetime, failure: Json, first_wait_s: float, time: 
     wait_s = min(first_wait_s * 2.0 ** min(time - 1, 30), LONGEST_WAIT_S)
     row.not_before_s = now.timestamp() + wait_s * random.uniform(1.0 - _JITTER, 1.0 + _JITTER)  # noqa: S311
     row.waiting_for = failure
-
-
-def _worker_lost(row: JobRow) -> Failure:
-    return Failure(
-        kind=FailureKind.PASSING,
-        code="worker-lost",
-        detail=f"attempt {row.attempt} ended unanswered: its worker {row.worker!r} stopped or lost its connection",
-    )
 
 
 def read_job(row: JobRow, estimate: WaitEstimate = NOTHING_KNOWN) -> Job:

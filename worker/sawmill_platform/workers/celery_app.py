@@ -208,15 +208,12 @@ class CeleryWorker:
     def stop_on_signals(self, **_: Any) -> None:  # noqa: ANN401
         """Return jobs to the queue from the first signal on: in a cold shutdown Celery reports it after waiting."""
         for number in (signal.SIGTERM, signal.SIGQUIT):
-            signal.signal(number, self._stopping_before(signal.getsignal(number)))
+            signal.signal(number, partial(self._stop_and_handle, signal.getsignal(number)))
 
-    def _stopping_before(self, handler: Any) -> Callable[[int, FrameType | None], None]:  # noqa: ANN401
-        def stop_and_handle(number: int, frame: FrameType | None) -> None:
-            if not self._stop.is_set():  # the interrupted thread may be setting the event
-                self._stop.set()
-            handler(number, frame)
-
-        return stop_and_handle
+    def _stop_and_handle(self, handler: Any, number: int, frame: FrameType | None) -> None:  # noqa: ANN401
+        if not self._stop.is_set():  # the interrupted thread may be setting the event
+            self._stop.set()
+        handler(number, frame)
 
     def stop(self, **_: Any) -> None:  # noqa: ANN401
         """Return running jobs to the queue."""
@@ -270,11 +267,9 @@ def _sweep(store: JobServiceStore, app: Celery, settings: ExecutionSettings, wak
     """Send the wake-ups of waiting jobs again if no message of their lane is on its way: they cannot pile up."""
     for short, name in _LANES.items():
         lost = store.jobs.queued_job_ids(older_than_s=settings.sweep_s, short=short, limit=_MOST_WAITING // len(_LANES))
-        if lost and _messages_waiting(app, name) == 0:
-            for job_id in lost:
-                wake(job_id)
-
-
-def _messages_waiting(app: Celery, name: str) -> int:
-    with app.connection_for_write() as connection:
-        return int(connection.default_channel.queue_declare(queue=name, durable=True).message_count)
+        if lost:
+            with app.connection_for_write() as connection:
+                on_the_way = connection.default_channel.queue_declare(queue=name, durable=True).message_count
+            if on_the_way == 0:
+                for job_id in lost:
+                    wake(job_id)

@@ -162,7 +162,8 @@ class ClockKeeper:
         self._lasting_s = lasting_s
         self._look_s = look_s
         self._stop = threading.Event()
-        self._step = _Step(monotonic)
+        self._monotonic = monotonic
+        self._off_s, self._off_since_s = 0.0, monotonic()
         self._thread = threading.Thread(target=self._watch, name="clock", daemon=True)
 
     def __enter__(self) -> Self:
@@ -178,33 +179,20 @@ class ClockKeeper:
             self._thread.join()
 
     def _watch(self) -> None:
-        first = True
+        lasting_s = 0.0  # an offset of the service's clock at its start counts at once
         while not self._stop.is_set():
             try:
-                # An offset of the service's clock at its start counts at once.
-                self.look(lasting_s=0.0 if first else self._lasting_s)
+                self.look(lasting_s=lasting_s)
             except (StorageError, OSError) as error:
                 structlog.get_logger().warning("clock-not-kept", reason=str(error))
-            first = False
+            lasting_s = self._lasting_s
             self._stop.wait(self._look_s)
 
     def look(self, *, lasting_s: float) -> None:
         """Compare the clocks, and take a step over that has lasted that long, seconds."""
-        off_s = self._store.clock_off_s()
-        if self._step.lasts_s(off_s) >= lasting_s and abs(off_s) > TOLERABLE_S:
+        off_s, now_s = self._store.clock_off_s(), self._monotonic()
+        if abs(off_s - self._off_s) > TOLERABLE_S:
+            self._off_s, self._off_since_s = off_s, now_s
+        if now_s - self._off_since_s >= lasting_s and abs(off_s) > TOLERABLE_S:
             self._store.events.step_clock(process_name(), off_s)
             structlog.get_logger().warning("clock-stepped", off_s=round(off_s, 1))
-
-
-class _Step:
-    """Time for which a clock has been off by the same amount."""
-
-    def __init__(self, monotonic: Callable[[], float]) -> None:
-        self._monotonic = monotonic
-        self._off_s, self._since = 0.0, monotonic()
-
-    def lasts_s(self, off_s: float) -> float:
-        now = self._monotonic()
-        if abs(off_s - self._off_s) > TOLERABLE_S:
-            self._off_s, self._since = off_s, now
-        return now - self._since

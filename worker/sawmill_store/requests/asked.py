@@ -24,13 +24,14 @@ from sawmill_platform.errors import Invalid
 from sawmill_platform.jobs.queue_limits import Places, queue_job
 from sawmill_store import mill_tables
 from sawmill_store.mill_files import MillFiles
+from sawmill_store.queuing import QueuingPart
 from sawmill_store.requests.references import found_asked, looked_up, read_asked
 
 NOTHING: Mapping[str, str] = MappingProxyType({})
 
 
-class Asked(Generic[Ask, Answer]):
-    """Store of the requests of one kind: every method is one transaction.
+class Asked(QueuingPart, Generic[Ask, Answer]):
+    """Store of the requests of one kind.
 
     Parameters
     ----------
@@ -41,9 +42,7 @@ class Asked(Generic[Ask, Answer]):
     """
 
     def __init__(self, database: Database, files: MillFiles, places: Places, declared: AskedKind[Ask, Answer]) -> None:
-        self._database = database
-        self.files = files
-        self._places = places
+        super().__init__(database, files, places)
         self._declared = declared
 
     def accept(
