@@ -60,8 +60,10 @@ def _attempt(channel: BinaryIO, work: protocol.Work[Any], settings: ExecutionSet
         channel.write(protocol.to_line(protocol.Ready()))
     except BrokenPipeError:  # the supervisor was killed in the mean time
         return
-    line = _line_from(supervisor)
-    if line:
+    line = b""
+    while not line.endswith(b"\n") and (part := supervisor.read(65_536)):
+        line += part
+    if line.endswith(b"\n"):  # otherwise the supervisor stopped sending
         assignment = protocol.Assignment.model_validate_json(line)
         with about_attempt(assignment.job):
             attempt = _attempt_at(assignment, work, channel)
@@ -78,14 +80,6 @@ def _attempt(channel: BinaryIO, work: protocol.Work[Any], settings: ExecutionSet
                 log.error("job-failed-unexpectedly", exc_info=error)
             elif isinstance(answer, protocol.Failed):
                 log.info("job-failed", code=answer.failure.code, detail=answer.failure.detail)
-
-
-def _line_from(supervisor: BinaryIO) -> bytes:
-    """Read a line, until the supervisor stops sending; return no bytes if the line is not complete."""
-    line = b""
-    while not line.endswith(b"\n") and (part := supervisor.read(65_536)):
-        line += part
-    return line if line.endswith(b"\n") else b""
 
 
 def _end_with(supervisor: BinaryIO) -> None:

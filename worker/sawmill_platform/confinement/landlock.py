@@ -101,8 +101,7 @@ def _allow(ruleset: int, path: Path, rights: int, *, keep: bool) -> None:
 
 def _call(number: int, *arguments: bytes | int | None) -> int:
     words = [ctypes.c_long(argument) if isinstance(argument, int) else argument for argument in arguments]
-    answer: int = _LIBC.syscall(ctypes.c_long(number), *words)
-    return answer
+    return int(_LIBC.syscall(ctypes.c_long(number), *words))
 
 
 def _checked(answer: int) -> int:

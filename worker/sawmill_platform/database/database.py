@@ -315,8 +315,7 @@ def _one_process_at_a_time(engine: Engine) -> Iterator[None]:
 
 def _migrations() -> Path:
     """Return the folder of the migrations, which is named by the package that completes the tables."""
-    folder: Path = Base.metadata.info["migrations"]
-    return folder
+    return Path(Base.metadata.info["migrations"])
 
 
 # A cancellation changes some thirty pages of 4 KiB, which the write-ahead log takes.

@@ -169,8 +169,7 @@ def _check_distinct(values: FloatArray, present: Rows, reference: _Profile) -> N
 def _coarse(values: FloatArray, present: Rows, reference: _Profile) -> NDArray[np.intp]:
     """Return the most likely whole shifts (views,)."""
     score, lags = _scores(values, present, reference)
-    most_likely: NDArray[np.intp] = lags[score.argmax(axis=1)]
-    return most_likely
+    return np.asarray(lags[score.argmax(axis=1)])
 
 
 def _scores(values: FloatArray, present: Rows, reference: _Profile) -> tuple[FloatArray, NDArray[np.intp]]:

@@ -54,8 +54,7 @@ class LookSpread:
         A direction with less scatter than the covariances imply keeps them as they are.
         """
         more, directions = np.linalg.eigh(self._estimate)
-        ratio: FloatArray = np.einsum("...ik,...k,...jk->...ij", directions, np.maximum(more, 1.0), directions)
-        return ratio
+        return np.asarray(np.einsum("...ik,...k,...jk->...ij", directions, np.maximum(more, 1.0), directions))
 
     def chi_squared(self, distance: FloatArray) -> FloatArray:
         """Convert a squared length by this scatter's covariances to the equally rare chi-squared, 2 degrees of freedom.
@@ -84,14 +83,12 @@ def inverse(matrices: FloatArray) -> FloatArray:
 
 def times(matrices: FloatArray, vectors: FloatArray) -> FloatArray:
     """Return the products (..., 2) of matrices (..., 2, 2) and vectors (..., 2)."""
-    products: FloatArray = np.einsum("...ij,...j->...i", matrices, vectors)
-    return products
+    return np.asarray(np.einsum("...ij,...j->...i", matrices, vectors))
 
 
 def squared_length(vectors: FloatArray, precision: FloatArray) -> FloatArray:
     """Return x^T P x (...), for vectors (..., 2), matrices (..., 2, 2): chi-squared if P is the inverse covariance."""
-    length: FloatArray = np.einsum("...i,...ij,...j->...", vectors, precision, vectors)
-    return length
+    return np.asarray(np.einsum("...i,...ij,...j->...", vectors, precision, vectors))
 
 
 def whitened(vectors: FloatArray, covariance: FloatArray) -> FloatArray:
