@@ -23,7 +23,7 @@ from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
 from sawmill_platform.attempts.limits import OPEN_FILES, limits_of, processor_s
 from sawmill_platform.confinement import landlock
-from sawmill_platform.confinement.confinement import Surroundings, say_if_unconfined
+from sawmill_platform.confinement.confinement import say_if_unconfined
 from sawmill_platform.contracts.jobs import JobKind, JobState
 from sawmill_platform.workers.settings import ExecutionSettings
 from sawmill_store.mill_files import SCAN_FILE
@@ -165,7 +165,7 @@ def test_rights_that_a_kernel_does_not_know_are_not_asked_for():
 )
 def test_what_the_kernel_lacks_and_root_are_said_once_at_the_start(version, wanted, user, lines):
     with capture_logs() as log:
-        say_if_unconfined(ExecutionSettings(confine_attempts=wanted), Surroundings(user, version))
+        say_if_unconfined(ExecutionSettings(confine_attempts=wanted), user, version)
     assert [line["event"] for line in log] == lines
 
 

@@ -5,6 +5,7 @@ repeating it does no harm. A worker serves both lanes, one after the other as me
 `-Q sawmill-short` serves short jobs alone, so that these do not wait for a long job.
 """
 
+import os
 import queue
 import signal
 import sys
@@ -24,7 +25,8 @@ from redis.exceptions import RedisError
 
 from sawmill_platform.attempts.process import AttemptNotStarted
 from sawmill_platform.attempts.runner import Runner
-from sawmill_platform.confinement.confinement import Surroundings, say_if_unconfined
+from sawmill_platform.confinement import landlock
+from sawmill_platform.confinement.confinement import say_if_unconfined
 from sawmill_platform.errors import StorageError, StorageFull, StorageUnavailable
 from sawmill_platform.job_service_store import JobServiceStore
 from sawmill_platform.jobs.wait_estimate import Selection
@@ -183,7 +185,7 @@ class CeleryWorker:
         slots = 1 if "solo" in pool else int(sender.concurrency)
         self._settings = self._settings.model_copy(update={"workers": slots})
         say_if_crowded(self._settings)
-        say_if_unconfined(self._settings, Surroundings.here())
+        say_if_unconfined(self._settings, os.geteuid(), landlock.version())
         # Celery handles signals later, and the first process of a container receives no signal that it does not handle.
         before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
         try:

@@ -70,7 +70,14 @@ def serving_process(settings: StorageSettings) -> str | None:
     OSError
         The lock cannot be read.
     """
-    return holder_of(settings.data_folder / LOCK) if settings.is_one_file else None
+    if not settings.is_one_file:
+        return None
+    try:
+        with (settings.data_folder / LOCK).open() as lock:
+            kind, *_ = struct.unpack(_FLOCK, fcntl.fcntl(lock, fcntl.F_OFD_GETLK, _WHOLE_FILE))
+            return None if kind == fcntl.F_UNLCK else _holder(lock)
+    except FileNotFoundError:
+        return None
 
 
 def _served(settings: StorageSettings, process: str) -> StorageMisconfigured:
@@ -111,16 +118,6 @@ def kernel_lock(path: Path) -> Iterator[TextIO]:
         lock.write(f"{os.getpid()}\n")
         lock.flush()
         yield lock
-
-
-def holder_of(path: Path) -> str | None:
-    """Return the id of the process that holds a lock, without taking the lock; None: no process holds it."""
-    try:
-        with path.open() as lock:
-            kind, *_ = struct.unpack(_FLOCK, fcntl.fcntl(lock, fcntl.F_OFD_GETLK, _WHOLE_FILE))
-            return None if kind == fcntl.F_UNLCK else _holder(lock)
-    except FileNotFoundError:
-        return None
 
 
 def _holder(lock: TextIO) -> str:

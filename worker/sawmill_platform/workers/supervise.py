@@ -1,5 +1,6 @@
 """Embedded worker processes for a service on one machine: start, supervision and restart."""
 
+import os
 import socket
 import subprocess
 import threading
@@ -10,7 +11,8 @@ from typing import Self
 
 import structlog
 
-from sawmill_platform.confinement.confinement import Surroundings, say_if_unconfined
+from sawmill_platform.confinement import landlock
+from sawmill_platform.confinement.confinement import say_if_unconfined
 from sawmill_platform.errors import StorageUnavailable
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.workers.logs import going_on
@@ -68,7 +70,7 @@ class WorkerSupervisor:
 
     def __enter__(self) -> Self:
         say_if_crowded(self._settings)
-        say_if_unconfined(self._settings, Surroundings.here())
+        say_if_unconfined(self._settings, os.geteuid(), landlock.version())
         for worker in self._general:
             worker.start()
         self._thread.start()

@@ -161,15 +161,12 @@ class Asked(QueuingPart, Generic[Ask, Answer]):
         return read_asked(self._declared, row)
 
 
-def _rows(declared: AskedKind[Any, Any], *states: JobState | None) -> Select[Any]:
-    """Select the rows of a kind, in any state or in one of the given states; jobs are joined only where needed."""
-    table, given_states = mill_tables.table_of(declared.kind), [state for state in states if state is not None]
-    statement = select(table)
-    if given_states or declared.kind not in mill_tables.OWN_TABLES:
-        statement = statement.join(table.job)
-    if declared.kind not in mill_tables.OWN_TABLES:
-        statement = statement.where(JobRow.kind == declared.kind)
-    return statement.where(JobRow.state.in_(given_states)) if given_states else statement
+def _rows(declared: AskedKind[Any, Any], state: JobState | None = None) -> Select[Any]:
+    """Select the rows of a kind, in any state or in one; jobs are joined only where needed."""
+    table = mill_tables.table_of(declared.kind)
+    kind = None if declared.kind in mill_tables.OWN_TABLES else declared.kind
+    statement = select(table) if kind is None and state is None else select(table).join(table.job)
+    return narrowed(statement, {JobRow.kind: kind, JobRow.state: state})
 
 
 def _refuse_beyond_scan(session: Session, row: mill_tables.Answered, ask: Contract) -> None:

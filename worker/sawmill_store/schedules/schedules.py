@@ -226,20 +226,13 @@ def _in_words(error: Exception) -> str:
     return str(error) if isinstance(error, StorageError) else f"{type(error).__name__}: {error}"
 
 
-def _announce(
-    session: Session,
-    now: datetime,
-    what: EventType,
-    row: ScheduleRow,
-    detail: dict[str, Any] | None = None,
-    decided: dict[str, Any] | None = None,
-    why: str | None = None,
-) -> None:
-    announce(session, now, what, "schedule", row.id, group_id=row.scanner_id, detail=detail, decided=decided, why=why)
+def _announce(session: Session, now: datetime, what: EventType, row: ScheduleRow, **about: Any) -> None:  # noqa: ANN401
+    announce(session, now, what, "schedule", row.id, group_id=row.scanner_id, **about)
 
 
 def _announce_missed(session: Session, row: ScheduleRow, now: datetime, due_at: datetime, reason: str) -> None:
-    _announce(session, now, mill_events.SCHEDULE_MISSED, row, {"due_at": due_at.isoformat(), "reason": reason})
+    detail = {"due_at": due_at.isoformat(), "reason": reason}
+    _announce(session, now, mill_events.SCHEDULE_MISSED, row, detail=detail)
 
 
 def _describe(row: ScheduleRow, spec: ScheduleSpec, now: datetime) -> None:

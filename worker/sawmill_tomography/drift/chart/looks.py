@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_vocabulary import DetectorEstimate
@@ -185,15 +184,12 @@ def pooled_means(change: FloatArray, covariance: FloatArray) -> PooledMeans:
         distance = np.sqrt(squared_length(change - mean[..., None, :], own))
         weights = HUBER / np.maximum(distance, HUBER)
         if step >= STEPS_WITH_ALL - 1:
-            weights = np.where(_outlying(distance), 0.0, weights)
+            # Never more than half of the checks: then the distances are what is wrong.
+            is_outlying = (distance > OUTLYING) & (distance > np.median(distance, axis=-1, keepdims=True))
+            weights = np.where(is_outlying, 0.0, weights)
     precision = np.einsum("...k,...kij->...ij", weights, own)
     mean = times(inverse(precision), np.einsum("...k,...ki->...i", weights, weighted))
     return PooledMeans(mean, precision, weights)
-
-
-def _outlying(distance: FloatArray) -> NDArray[np.bool_]:
-    """Select far drift checks, but never more than half of them: then the distances are what is wrong."""
-    return (distance > OUTLYING) & (distance > np.median(distance, axis=-1, keepdims=True))
 
 
 def stacked(changes: Iterable[DetectorEstimate]) -> tuple[FloatArray, FloatArray]:
