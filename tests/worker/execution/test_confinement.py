@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from missing_parts import both_ways, skip_without
-from results import RESULTS, SCANNER_SPEC, THETA, answer_of
+from results import SCANNER_SPEC, THETA, succeed
 from structlog.testing import capture_logs
 
 from sawmill_contracts import kinds
@@ -32,13 +32,6 @@ from sawmill_vocabulary import DataKind
 pytestmark = pytest.mark.slow
 
 
-def finish(store):
-    claim = store.jobs.claim("test")
-    output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
-    (output / SCAN_FILE).touch()
-    store.jobs.succeed(claim, answer_of(claim.job.kind, RESULTS[claim.job.kind]()), output)
-
-
 @pytest.fixture
 def one_of_each(store):
     """A waiting job of every kind, all of which tell what they have and reach."""
@@ -50,9 +43,9 @@ def one_of_each(store):
         return store.files.receive([b"tell-all"], max_bytes=100)
 
     scan = store.scans.accept(spec, upload()).id
-    finish(store)
+    succeed(store, write=lambda output: (output / SCAN_FILE).touch())
     calibration = store.calibrations.accept(CalibrationRequest(scan_id=scan, activate=True)).id
-    finish(store)
+    succeed(store)
     store.scans.accept(spec, upload(), scan_id="mine")
     store.phantoms.accept_picture(PhantomPicture(name="ell", width_mm=400), upload())
     store.calibrations.accept(CalibrationRequest(scan_id=scan))

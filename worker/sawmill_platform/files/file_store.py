@@ -59,7 +59,7 @@ LAST_BACKUP = "last-backup.json"
 RESTORING = "restoring"
 IDENTITY = "identity"
 _TRIAL_BYTES = 4096
-_SAFE_NAME = re.compile(r"[a-z0-9][a-z0-9-]{0,63}")
+SAFE_NAME = re.compile(r"[a-z0-9][a-z0-9-]{0,63}")
 
 _log = structlog.get_logger()
 
@@ -473,6 +473,6 @@ def flush_tree(folder: Path) -> None:
 
 def _checked(identifier: str) -> str:
     """Return a name, or raise `NotFound` if it could lead out of a folder."""
-    if not _SAFE_NAME.fullmatch(identifier):
+    if not SAFE_NAME.fullmatch(identifier):
         raise NotFound("file", identifier)
     return identifier
