@@ -91,11 +91,6 @@ class WorkerSupervisor:
         for worker in self._workers:
             worker.wake()
 
-    @property
-    def process_ids(self) -> list[int]:
-        """Ids of the worker processes that run at the moment."""
-        return [worker.process.pid for worker in self._workers if worker.process and worker.is_running]
-
     def _watch(self) -> None:
         while not self._stop.wait(_LOOK_S):
             for worker in self._general:

@@ -84,7 +84,6 @@ class CorrectedRows:
     """Result of the corrections."""
 
     faulty: NDArray[np.bool_]  # (rows, cells) bool: cells that were bridged
-    air_cells: NDArray[np.bool_]  # (cells,) bool: air in every view of every row
     remarks: tuple[Reason, ...]  # one sentence for each correction that changed something, or could not be made
 
 
@@ -96,7 +95,7 @@ class RowCorrector:
 
     def __init__(self, corrections: Corrections, rows: int, cells: int) -> None:
         self._corrections = corrections
-        self._faulty, self._air_cells = np.zeros((rows, cells), bool), np.ones(cells, bool)
+        self._faulty = np.zeros((rows, cells), bool)
         self._with_air: list[Air] = []
         self._without_air = 0
         # Of each row, the stripes before and after the removal of rings, and whether the former are visible.
@@ -129,10 +128,8 @@ class RowCorrector:
         air = find_air(sinogram)
         if air is None or abs(air.background) > self._corrections.largest_air_level:
             self._without_air += 1
-            self._air_cells[:] = False
             return
         sinogram -= air.correction(self._corrections.air)
-        self._air_cells &= air.cells
         self._with_air.append(air)
 
     def result(self) -> CorrectedRows:
@@ -158,7 +155,7 @@ class RowCorrector:
                 remarks.append(PreparingMessage.RINGS_REMOVED(before=before, after=after, window=WINDOW))
             elif 2 * visible > len(self._stripes):
                 remarks.append(PreparingMessage.RINGS_VISIBLE(before=before, rows=visible))
-        return CorrectedRows(self._faulty, self._air_cells, tuple(remarks))
+        return CorrectedRows(self._faulty, tuple(remarks))
 
 
 def _visible(deviation: float, sinogram: Sinogram) -> bool:
