@@ -12,6 +12,7 @@ import sys
 import threading
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import partial
 from types import FrameType
 from typing import Any
@@ -160,21 +161,21 @@ class Waker:
                 structlog.get_logger().exception("wake-up-not-sent", job_id=job_id)
 
 
+@dataclass(eq=False)
 class CeleryWorker:
     """A Celery worker process while it runs."""
 
-    def __init__(
-        self, app: Celery, settings: ExecutionSettings, storage: StorageSettings, program: WorkerProgram[Any]
-    ) -> None:
-        self._app = app
-        self._program = program
-        self._settings = settings
-        self._storage = storage
+    app: Celery
+    settings: ExecutionSettings
+    storage: StorageSettings
+    program: WorkerProgram[Any]
+
+    def __post_init__(self) -> None:
         self._stop = threading.Event()
 
     def start(self, sender: WorkController, **_: Any) -> None:  # noqa: ANN401 - Celery's signal arguments
         """Open the store and start everything that runs beside the jobs; raise `SystemExit` if that is impossible."""
-        configure_logs(self._settings.log_format)
+        configure_logs(self.settings.log_format)
         pool = str(sender.pool_cls)
         if "prefork" in pool:
             raise SystemExit("use the threads or the solo pool: each job has a process of its own already")
@@ -183,28 +184,28 @@ class CeleryWorker:
         sender.options |= {"without_heartbeat": True, "without_gossip": True, "without_mingle": True}
         # As many jobs as Celery runs at once, whatever `--concurrency` says.
         slots = 1 if "solo" in pool else int(sender.concurrency)
-        self._settings = self._settings.model_copy(update={"workers": slots})
-        say_if_crowded(self._settings)
-        say_if_unconfined(self._settings, os.geteuid(), landlock.version())
+        self.settings = self.settings.model_copy(update={"workers": slots})
+        say_if_crowded(self.settings)
+        say_if_unconfined(self.settings, os.geteuid(), landlock.version())
         # Celery handles signals later, and the first process of a container receives no signal that it does not handle.
         before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
         try:
-            store: JobServiceStore | None = open_store(partial(self._program.open_store, self._storage), self._stop)
+            store: JobServiceStore | None = open_store(partial(self.program.open_store, self.storage), self._stop)
         except (StorageError, OSError) as error:  # Celery would log the error and continue without a store
             raise SystemExit(f"this worker cannot start: {error}") from error
         finally:
             signal.signal(signal.SIGTERM, before)
         assert store is not None  # noqa: S101 - nothing has set `stop` yet
         self._store = store
-        self._wake = Waker(self._app, self._store.jobs.is_short)
-        attempts = self._program.attempts(self._store, self._settings)
-        self._runner = Runner(self._store, self._settings, self._stop, attempts=attempts, on_ended=self._wake_waiting)
+        self._wake = Waker(self.app, self._store.jobs.is_short)
+        attempts = self.program.attempts(self._store, self.settings)
+        self._runner = Runner(self._store, self.settings, self._stop, attempts=attempts, on_ended=self._wake_waiting)
         self._runner.warm_up()
-        self._housekeeping = self._program.housekeeping(self._store, self._settings, self._stop)
+        self._housekeeping = self.program.housekeeping(self._store, self.settings, self._stop)
         self._housekeeping.start()
         self._wake.start()
         # Apart from the housekeeping, which continues whatever Redis does.
-        sweep = (self._stop, self._store, self._app, self._settings, self._wake)
+        sweep = (self._stop, self._store, self.app, self.settings, self._wake)
         threading.Thread(target=sweep_until, args=sweep, name="sweep", daemon=True).start()
 
     def stop_on_signals(self, **_: Any) -> None:  # noqa: ANN401
