@@ -84,10 +84,7 @@ def test_failures_are_counted_by_code_and_the_new_count_adds_up_to_the_old_one(s
     assert scrape(client, "sawmill_job_failures_total", kind="calibrate", fault="input", code="other") == 2
     for peak_memory_bytes in (2**30, 2**31):
         seeded.post("/v1/drifts", json={"scan_id": "example"})
-        claim = store.jobs.claim("test")
-        output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
-        answer = results.answer_of(claim.job.kind, results.drift_result())
-        store.jobs.succeed(claim, answer, output, peak_memory_bytes=peak_memory_bytes)
+        results.succeed(store, peak_memory_bytes=peak_memory_bytes)
     assert scrape(client, "sawmill_attempt_peak_memory_bytes_sum", kind="drift") == 3 * 2**30
     assert scrape(client, "sawmill_attempt_peak_memory_bytes_count", kind="drift") == 2
     assert scrape(client, "sawmill_attempt_peak_memory_max_bytes", kind="drift") == 2**31

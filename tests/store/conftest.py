@@ -7,7 +7,7 @@ from itertools import count
 
 import pytest
 from emptied_databases import EmptiedDatabases
-from results import CONSTANTS, RESULTS, answer_of
+from results import CONSTANTS, RESULTS, succeed
 from sqlalchemy import insert
 
 from sawmill_contracts.geometry import ScannerConstants
@@ -111,11 +111,10 @@ def finish():
 
     def do(store, **changes):
         claim = store.jobs.claim("test")
-        assert claim is not None
-        output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
-        (output / "result").write_text(f"attempt {claim.attempt}")
-        store.jobs.succeed(claim, answer_of(claim.job.kind, RESULTS[claim.job.kind](**changes)), output)
-        return claim
+        result = RESULTS[claim.job.kind](**changes)
+        return succeed(
+            store, claim, write=lambda output: (output / "result").write_text(f"attempt {claim.attempt}"), result=result
+        )
 
     return do
 

@@ -17,7 +17,7 @@ from types import SimpleNamespace
 import pytest
 from emptied_databases import ARCHIVE, sqlite_alone
 from machine_faults import at_call, refusing
-from results import CONSTANTS, RESULTS, answer_of
+from results import CONSTANTS, succeed
 from sqlalchemy import text
 
 from sawmill_contracts import kinds
@@ -242,10 +242,8 @@ def one_backup(tmp_path_factory, empty_data):
         for number in range(2):
             spec = ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS)
             store.scans.accept(spec, store.files.receive([b"scan"], max_bytes=10))
-            claim = store.jobs.claim("test")
-            output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
-            (output / "scan.h5").write_text(f"line integrals {number}")
-            store.jobs.succeed(claim, answer_of(claim.job.kind, RESULTS[kinds.INGEST]()), output)
+            content = f"line integrals {number}"
+            succeed(store, write=lambda output, content=content: (output / "scan.h5").write_text(content))
     (folder / "disk").mkdir()
     return take_backup(settings, folder / "disk", silent).path
 

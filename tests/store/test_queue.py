@@ -7,7 +7,7 @@ from datetime import timedelta
 from itertools import count, islice
 
 import pytest
-from results import answer_of, plan_result, reading
+from results import succeed
 from sqlalchemy import event
 
 from sawmill_contracts import kinds
@@ -271,8 +271,7 @@ def test_when_to_come_back_follows_from_how_long_jobs_take_and_is_bounded(store,
     def take(seconds, claim=None):
         claim = claim or store.jobs.claim("test")
         clock.advance(seconds=seconds)
-        answer = answer_of(claim.job.kind, plan_result())
-        store.jobs.succeed(claim, answer, store.files.make_attempt_folder(claim.job_id, claim.attempt))
+        succeed(store, claim)
 
     plan(10)
     assert retry_after_s() == RETRY_IF_UNKNOWN_S
@@ -299,9 +298,8 @@ def end(store, upload, clock, seconds, *, peak_memory_bytes=None, failure=None):
     clock.advance(seconds=seconds)
     if failure is not None:
         store.jobs.fail(claim, failure, peak_memory_bytes=peak_memory_bytes)
-        return
-    output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
-    store.jobs.succeed(claim, answer_of(claim.job.kind, reading()), output, peak_memory_bytes=peak_memory_bytes)
+    else:
+        succeed(store, claim, peak_memory_bytes=peak_memory_bytes)
 
 
 def of_ingest(what, *, duration):

@@ -177,3 +177,26 @@ def zipped(members, method=ZIP_STORED):
                 archive.writestr(name, saved(tifffile.imwrite, content) if isinstance(content, np.ndarray) else content)
 
     return write
+
+
+def _page_by_page(stream, stack):
+    with tifffile.TiffWriter(stream) as tiff:
+        for view in stack:
+            tiff.write(view, contiguous=False, metadata=None)
+
+
+_SMALL = np.random.default_rng(20261122).integers(100, 60_000, (VIEWS, ROWS, CELLS)).astype(np.uint16)
+_VARIABLES = {"scan": {"sinogram": _SMALL[:, 0], "parameters": {"angles": np.arange(6.0), "note": "text"}}}
+# The bytes of a small scan as a file of each kind but HDF5.
+WHOLE = {
+    "npy": saved(np.save, _SMALL),
+    "npz": saved(np.savez_compressed, data=_SMALL, angles_deg=60.0 * np.arange(6)),
+    "mat": saved(scipy.io.savemat, _VARIABLES),
+    "one array in mat": saved(scipy.io.savemat, {"arr": _SMALL[:, 0]}),
+    "packed mat": saved(scipy.io.savemat, _VARIABLES, do_compression=True),
+    "tiff": saved(tifffile.imwrite, _SMALL, compression="zlib", metadata=None),
+    "plain tiff": saved(tifffile.imwrite, _SMALL, metadata=None),
+    "tiff page by page": saved(_page_by_page, _SMALL),
+    "big tiff": saved(tifffile.imwrite, _SMALL, bigtiff=True, byteorder=">", metadata=None),
+    "zip": saved(zipped({f"{n}.tif": saved(tifffile.imwrite, _SMALL[n], compression="zlib") for n in range(VIEWS)})),
+}

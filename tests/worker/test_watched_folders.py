@@ -16,7 +16,7 @@ from pathlib import Path
 from random import Random
 
 import pytest
-from results import answer_of, reading
+from results import succeed
 from structlog.testing import capture_logs
 
 from sawmill_contracts.geometry import ScannerConstants
@@ -74,8 +74,7 @@ class Watched:
                 failure = Failure(kind=FailureKind.INPUT, code="unknown-format", detail="the file is no scan")
                 self.store.jobs.fail(claim, failure)
                 continue
-            output = self.store.files.make_attempt_folder(claim.job_id, claim.attempt)
-            self.store.jobs.succeed(claim, answer_of(claim.job.kind, reading()), output)
+            succeed(self.store, claim)
 
     def again(self) -> None:
         self.taker.close()

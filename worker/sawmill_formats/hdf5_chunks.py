@@ -51,28 +51,24 @@ class Chunks:
                 if skipped and unpack is _without_checksum:
                     unpack = _checked  # noqa: PLW2901 - the deflate stream that has one of its own is what was skipped
                 data = unpack(data, self._bytes + CHECKSUM_BYTES)
-        self._check_length(offset, data.size)
+        if data.size != self._bytes:
+            code, than = ("truncated-file", "less") if data.size < self._bytes else ("too-large", "more")
+            raise UnreadableScan(
+                code,
+                f"{self._where(offset)} declares {self._bytes} bytes of data and holds {than}; export the file again",
+            )
         if self._converted:
             count = prod(self.shape)
             room = np.zeros(count * max(self._type.get_size(), self._dtype.itemsize), np.uint8)
             room[: data.size] = data
             h5py.h5t.convert(self._type, self._of_numpy, count, room)
             data = room[: count * self._dtype.itemsize]
-        chunk: NDArray[Any] = data.view(self._dtype).reshape(self.shape)
-        return chunk
+        return np.asarray(data.view(self._dtype).reshape(self.shape))
 
     def offsets(self) -> Iterator[tuple[int, ...]]:
         """List where every chunk of the dataset begins."""
         axes = zip(self._dataset.shape, self.shape, strict=True)
         return product(*(range(0, length, of_chunk) for length, of_chunk in axes))
-
-    def _check_length(self, offset: tuple[int, ...], length: int) -> None:
-        if length != self._bytes:
-            code, than = ("truncated-file", "less") if length < self._bytes else ("too-large", "more")
-            raise UnreadableScan(
-                code,
-                f"{self._where(offset)} declares {self._bytes} bytes of data and holds {than}; export the file again",
-            )
 
     def _where(self, offset: tuple[int, ...]) -> str:
         return f"the chunk {offset} of {quoted(str(self._dataset.name))!r}"

@@ -58,11 +58,7 @@ class StepMessage(Message):
 
     NEW = "new", N_("It has no scan yet."), _CALIBRATE
     NEVER = "never-calibrated", N_("It has never been calibrated."), _CALIBRATE
-    IMPORTED = (
-        "imported",
-        N_("Its geometry is imported, not checked."),
-        _CALIBRATE,
-    )
+    IMPORTED = "imported", N_("Its geometry is imported, not checked."), _CALIBRATE
     FAILED = (
         "failed",
         N_("The scan of the phantom could not be calibrated."),

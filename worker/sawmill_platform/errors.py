@@ -36,7 +36,6 @@ class NotFound(StorageError):  # noqa: N818 - an outcome's name, as HTTP has it
     def __init__(self, kind: str, identifier: str) -> None:
         super().__init__(f"there is no {kind} {identifier!r}")
         self.kind = kind
-        self.identifier = identifier
         self.code = f"{kind}-not-found"
 
 
@@ -77,7 +76,6 @@ class UploadTooLarge(StorageError):  # noqa: N818
 
     def __init__(self, limit_bytes: int) -> None:
         super().__init__(f"the upload is larger than the {limit_bytes} bytes allowed")
-        self.limit_bytes = limit_bytes
 
 
 class Damaged(StorageError):  # noqa: N818

@@ -60,42 +60,6 @@ _ASKED = {
 }
 
 
-def report_of(database: Database) -> DatabaseReport:
-    """Query a database.
-
-    Raises
-    ------
-    StorageUnavailable
-        The database does not answer.
-    """
-    name, statement = _ASKED[database.engine.dialect.name]
-    started = time.perf_counter()
-    with database.read() as session:
-        version, size_bytes = session.execute(text(statement)).one()
-        migration = revision_of(session.connection())
-        unreadable = why_unreadable(session.connection())
-    answered_s = time.perf_counter() - started
-    return DatabaseReport(f"{name} {version}", migration, newest_revision(), answered_s, size_bytes, unreadable)
-
-
-def damage_of(database: Database) -> list[str]:
-    """Return the defects that SQLite reports in its file, in its own words; none for a database server.
-
-    SQLite reads the whole file: some seconds a gigabyte.
-    """
-    if database.engine.dialect.name != "sqlite":
-        return []
-    with database.read() as session:
-        try:
-            found = session.scalars(text("PRAGMA quick_check(5)")).all()
-        except DatabaseError as error:
-            # The file is so damaged that it cannot be checked.
-            if getattr(error.orig, "sqlite_errorcode", None) != sqlite3.SQLITE_CORRUPT:
-                raise
-            return [str(error.orig)]
-    return [] if found == ["ok"] else list(found)
-
-
 class JobServiceStore:
     """The store of jobs and related rows; every method of a part is one transaction and uses contracts.
 
@@ -207,11 +171,31 @@ class JobServiceStore:
 
     def database_report(self) -> DatabaseReport:
         """Return the database's name, size and response time, or raise `StorageUnavailable`."""
-        return report_of(self.database)
+        name, statement = _ASKED[self.database.engine.dialect.name]
+        started = time.perf_counter()
+        with self.database.read() as session:
+            version, size_bytes = session.execute(text(statement)).one()
+            migration = revision_of(session.connection())
+            unreadable = why_unreadable(session.connection())
+        answered_s = time.perf_counter() - started
+        return DatabaseReport(f"{name} {version}", migration, newest_revision(), answered_s, size_bytes, unreadable)
 
     def damage(self) -> list[str]:
-        """Return the defects that the database finds in its file, or raise `StorageUnavailable`."""
-        return damage_of(self.database)
+        """Return the defects that SQLite reports in its file, in its own words; none for a database server.
+
+        SQLite reads the whole file: some seconds a gigabyte. Raises `StorageUnavailable`.
+        """
+        if self.database.engine.dialect.name != "sqlite":
+            return []
+        with self.database.read() as session:
+            try:
+                found = session.scalars(text("PRAGMA quick_check(5)")).all()
+            except DatabaseError as error:
+                # The file is so damaged that it cannot be checked.
+                if getattr(error.orig, "sqlite_errorcode", None) != sqlite3.SQLITE_CORRUPT:
+                    raise
+                return [str(error.orig)]
+        return [] if found == ["ok"] else list(found)
 
     def check(self, *, reserve_bytes: int | None = None) -> None:
         """Check that rows and files can be written.

@@ -2,30 +2,24 @@
 
 from sqlalchemy.orm import Session
 
-from sawmill_contracts import calibrations, mill_events
+from sawmill_contracts import mill_events
 from sawmill_contracts.calibrations import CalibrationRequest, CalibrationSucceeded, CalibrationUnfinished
 from sawmill_contracts.reconstructions import MOST_MARKS, MarkRequest, Reconstruction, ReconstructionRequest
 from sawmill_contracts.scanners import StoredScanner
 from sawmill_platform.contracts.event_kinds import EventType
-from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import found, hold
 from sawmill_platform.database.tables import Json
 from sawmill_platform.errors import Conflict
-from sawmill_platform.jobs.queue_limits import Places
 from sawmill_platform.ledger.audit import changed
 from sawmill_platform.ledger.events import announce
 from sawmill_store import mill_tables
 from sawmill_store.activations import activate, active_calibration_id, discard
-from sawmill_store.mill_files import MillFiles
 from sawmill_store.requests.asked import Asked
 from sawmill_store.scanners.scanners import read_scanner
 
 
 class Calibrations(Asked[CalibrationRequest, CalibrationUnfinished | CalibrationSucceeded]):
-    """Store of calibrations: every method is one transaction."""
-
-    def __init__(self, database: Database, files: MillFiles, places: Places) -> None:
-        super().__init__(database, files, places, calibrations.DECLARATION)
+    """Store of calibrations."""
 
     def activate(self, calibration_id: str, reason: str) -> StoredScanner:
         """Make a calibration its scanner's active one, or go back to an older one.
@@ -76,7 +70,7 @@ class Calibrations(Asked[CalibrationRequest, CalibrationUnfinished | Calibration
 
 
 class Reconstructions(Asked[ReconstructionRequest, Reconstruction]):
-    """Store of the reconstructions: every method is one transaction."""
+    """Store of the reconstructions."""
 
     def rename(self, identifier: str, name: str | None) -> Reconstruction:
         """Give a reconstruction a name; None takes its name away.

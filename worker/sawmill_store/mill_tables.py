@@ -6,18 +6,7 @@ from datetime import date, datetime
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import (
-    JSON,
-    BigInteger,
-    Float,
-    ForeignKey,
-    Index,
-    String,
-    UniqueConstraint,
-    func,
-    select,
-    text,
-)
+from sqlalchemy import JSON, BigInteger, Float, ForeignKey, Index, String, UniqueConstraint, func, select
 from sqlalchemy.engine.default import DefaultExecutionContext
 from sqlalchemy.ext.hybrid import hybrid_property
 from sqlalchemy.orm import Mapped, declared_attr, mapped_column, relationship
@@ -28,7 +17,7 @@ from sawmill_contracts.measurements import MeasurementKind
 from sawmill_contracts.phantoms import PhantomState
 from sawmill_contracts.scans import ScanState
 from sawmill_platform.contracts.jobs import JobKind
-from sawmill_platform.database.tables import Base, JobRow, Json, Resource, words
+from sawmill_platform.database.tables import Base, JobRow, Json, Resource, partial_index, words
 
 Base.metadata.info["migrations"] = Path(__file__).with_name("migrations")
 Base.registry.update_type_annotation_map(
@@ -39,12 +28,6 @@ Base.registry.update_type_annotation_map(
         ScanState: words(ScanState),
     }
 )
-
-
-def _by_age(name: str, condition: str | None = None) -> Index:
-    """Return the index that finds the oldest rows."""
-    where = None if condition is None else text(condition)
-    return Index(name, "created_at", "id", sqlite_where=where, postgresql_where=where)
 
 
 class ScannerRow(Resource):
@@ -76,22 +59,11 @@ class ScanRow(Resource):
     # Indexes: newest scan of a scanner, newest phantom scan among thousands of logs, oldest scans of both sorts.
     __table_args__ = (
         Index(None, "scanner_id", "created_at"),
-        _by_age("ix_scans_logs_by_age", "phantom_id IS NULL"),
-        _by_age("ix_scans_phantoms_by_age", "phantom_id IS NOT NULL"),
+        partial_index("ix_scans_logs_by_age", "phantom_id IS NULL", "created_at", "id"),
+        partial_index("ix_scans_phantoms_by_age", "phantom_id IS NOT NULL", "created_at", "id"),
         # The index has phantom scans only: with logs in it, SQLite would read all logs, and then sort them.
-        Index(
-            None,
-            "phantom_id",
-            sqlite_where=text("phantom_id IS NOT NULL"),
-            postgresql_where=text("phantom_id IS NOT NULL"),
-        ),
-        Index(
-            "ix_scans_of_phantoms",
-            "scanner_id",
-            "created_at",
-            sqlite_where=text("phantom_id IS NOT NULL"),
-            postgresql_where=text("phantom_id IS NOT NULL"),
-        ),
+        partial_index(None, "phantom_id IS NOT NULL", "phantom_id"),
+        partial_index("ix_scans_of_phantoms", "phantom_id IS NOT NULL", "scanner_id", "created_at"),
     )
 
     scanner_id: Mapped[str] = mapped_column(ForeignKey("scanners.id"))
@@ -144,7 +116,7 @@ class CalibrationRow(Answered):
     __tablename__ = "calibrations"
     __table_args__ = (
         Index(None, "scanner_id", "created_at"),
-        _by_age("ix_calibrations_by_age"),
+        Index("ix_calibrations_by_age", "created_at", "id"),
     )
 
     scanner_id: Mapped[str] = mapped_column(ForeignKey("scanners.id"))
@@ -169,7 +141,7 @@ class ReconstructionRow(Answered):
     __tablename__ = "reconstructions"
     __table_args__ = (
         Index(None, "scanner_id", "created_at"),
-        _by_age("ix_reconstructions_by_age"),
+        Index("ix_reconstructions_by_age", "created_at", "id"),
     )
 
     scanner_id: Mapped[str] = mapped_column(ForeignKey("scanners.id"))
@@ -231,6 +203,9 @@ def _in_degrees(name: str) -> hybrid_property[Any]:
     return hybrid_property(lambda row: None if getattr(row, name) is None else getattr(row, name) * math.degrees(1.0))
 
 
+_IN_CHART = "activation_number IS NOT NULL"
+
+
 class MeasurementRow(Base):
     """A measurement of a scanner by a calibration or a drift check."""
 
@@ -240,29 +215,9 @@ class MeasurementRow(Base):
     __table_args__ = (
         Index(None, "scanner_id", "number"),
         Index(None, "scanner_id", "at"),
-        Index(
-            "ix_measurements_looks",
-            "activation_number",
-            "method",
-            "number",
-            sqlite_where=text("activation_number IS NOT NULL"),
-            postgresql_where=text("activation_number IS NOT NULL"),
-        ),
-        Index(
-            "ix_measurements_counted",
-            "activation_number",
-            "method",
-            "input_sha256",
-            sqlite_where=text("activation_number IS NOT NULL"),
-            postgresql_where=text("activation_number IS NOT NULL"),
-        ),
-        Index(
-            "ix_measurements_awaiting_chart",
-            "scanner_id",
-            "number",
-            sqlite_where=text("awaits_chart IS NOT NULL"),
-            postgresql_where=text("awaits_chart IS NOT NULL"),
-        ),
+        partial_index("ix_measurements_looks", _IN_CHART, "activation_number", "method", "number"),
+        partial_index("ix_measurements_counted", _IN_CHART, "activation_number", "method", "input_sha256"),
+        partial_index("ix_measurements_awaiting_chart", "awaits_chart IS NOT NULL", "scanner_id", "number"),
     )
 
     number: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)

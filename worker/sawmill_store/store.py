@@ -7,12 +7,12 @@ from typing import Self
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from sawmill_contracts import drifts, mill_events, plans, reconstructions
+from sawmill_contracts import calibrations, drifts, inspections, mill_events, plans, reconstructions
 from sawmill_contracts.kinds import Answer, Ask, AskedKind
 from sawmill_contracts.phantoms import BUILT_IN_PHANTOMS
 from sawmill_contracts.plans import Plan, PlanRequest
 from sawmill_platform.database.clock import Clock
-from sawmill_platform.database.database import Database
+from sawmill_platform.database.database import StorePart
 from sawmill_platform.database.tables import EventRow
 from sawmill_platform.job_service_store import JobServiceStore
 from sawmill_platform.ledger.events import announce
@@ -33,11 +33,8 @@ from sawmill_store.schedules.schedules import Schedules
 from sawmill_store.subjects.mill_subjects import MILL_SUBJECTS
 
 
-class MillZone:
-    """Store of the mill's time zone: every method is one transaction."""
-
-    def __init__(self, database: Database) -> None:
-        self._database = database
+class MillZone(StorePart):
+    """Store of the mill's time zone."""
 
     def get(self) -> str | None:
         """Return the name of the zone, such as Europe/Helsinki; None where nobody has set it."""
@@ -75,8 +72,8 @@ class Store(JobServiceStore):
         self.scanners = Scanners(self.database, settings.watch_folders)
         self.phantoms = Phantoms(self.database, self.files, self.places)
         self.scans = Scans(self.database, self.files, self.places)
-        self.inspections = Inspections(self.database, self.files, self.places)
-        self.calibrations = Calibrations(self.database, self.files, self.places)
+        self.inspections = Inspections(self.database, self.files, self.places, inspections.DECLARATION)
+        self.calibrations = Calibrations(self.database, self.files, self.places, calibrations.DECLARATION)
         self.reconstructions = Reconstructions(self.database, self.files, self.places, reconstructions.DECLARATION)
         self.plans = self.asked(plans.DECLARATION)
         self.drifts = self.asked(drifts.DECLARATION)

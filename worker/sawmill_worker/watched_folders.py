@@ -22,7 +22,6 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from io import BufferedReader
 from pathlib import Path
 from typing import BinaryIO
 from uuid import uuid4
@@ -34,6 +33,7 @@ from sawmill_contracts.watched_folders import WatchedFolder
 from sawmill_platform.contracts.given import shown
 from sawmill_platform.errors import UploadTooLarge
 from sawmill_platform.files.upload_stream import PART_BYTES
+from sawmill_platform.files.whole_files import open_regular
 from sawmill_platform.ledger.events import Actor, acting_as
 from sawmill_platform.settings import LargestUpload
 from sawmill_platform.workers.sole_service import HeldByAnother, kernel_lock
@@ -203,7 +203,7 @@ class _Folder:
 
     def _looked(self, folder: int, name: str, key: str | None = None) -> _Look:
         """Open a file, so that a network share is asked, and count how often it was the same."""
-        with _opened_file(folder, name) as file:
+        with open_regular(name, folder) as file:
             signature = _signature(file)
         before = self._looks.get(key or name)
         if before is None or before.signature != signature:
@@ -277,7 +277,7 @@ class _Folder:
         if not look.signature[0]:
             raise _Refused("empty-file", "the file is empty, though it is marked as complete")
         self._store.uploads.check_room_for(look.signature[0])
-        with self._store.files.receiving(), _opened_file(inside, file) as source:
+        with self._store.files.receiving(), open_regular(file, inside) as source:
             try:
                 received = self._store.files.receive(self._pieces(source), max_bytes=LargestUpload().max_upload_bytes)
             except UploadTooLarge as error:
@@ -305,7 +305,7 @@ class _Folder:
         if scan.state is ScanState.REFUSED:
             failure = self._store.jobs.get(scan.job_id).failure
             raise _Refused("cancelled" if failure is None else failure.code, scan.reason or "it could not be read")
-        with _opened_file(inside, file) as source:
+        with open_regular(file, inside) as source:
             if _signature(source) == (scan.size_bytes, copied_ns):
                 return True
             if hashlib.file_digest(source, "sha256").hexdigest() == scan.sha256:
@@ -365,15 +365,6 @@ def _share(descriptor: int, within: int, mask: int) -> None:
     """Permit what the folder permits, whatever the service's own files permit; some shares accept no permissions."""
     with suppress(PermissionError):
         os.fchmod(descriptor, os.fstat(within).st_mode & mask)
-
-
-def _opened_file(folder: int, name: str) -> BufferedReader:
-    descriptor = os.open(name, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK, dir_fd=folder)
-    file = os.fdopen(descriptor, "rb")
-    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
-        file.close()
-        raise OSError(errno.EINVAL, "is no ordinary file", name)
-    return file
 
 
 def _write(folder: int, name: str, text: str) -> None:

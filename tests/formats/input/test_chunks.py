@@ -100,7 +100,7 @@ def test_a_chunk_that_cannot_be_unpacked_is_refused(file, filters, stored, skipp
 @pytest.mark.parametrize("filters", [[], ["shuffle"], ["deflate"]])
 def test_a_chunk_that_holds_more_than_it_declares_is_refused(file, filters):
     dataset_of(file, zlib.compress(WHOLE + b"\0") if "deflate" in filters else WHOLE + b"\0", *filters)
-    refused(file, "too-large")
+    refused(file, "too-large", "declares 192 bytes of data and")
 
 
 def test_chunks_far_larger_than_their_dataset_are_refused_before_they_are_unpacked(file):

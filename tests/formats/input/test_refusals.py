@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import scipy.io
 import tifffile
-from scan_files import read_scan, saved, zipped
+from scan_files import WHOLE, read_scan, saved
 
 from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.input.angles import AngleSteps
@@ -26,28 +26,6 @@ def refused(path, code, sentence, **options):
         read_scan(path, **options)
     assert refusal.value.code == code
     assert "\n" not in str(refusal.value)
-
-
-def write_pages(stream, stack):
-    with tifffile.TiffWriter(stream) as tiff:
-        for view in stack:
-            tiff.write(view, contiguous=False, metadata=None)
-
-
-def structs(stack):
-    return {"scan": {"sinogram": stack[:, 0], "parameters": {"angles": np.arange(len(stack)), "note": "text"}}}
-
-
-WHOLE = {
-    "npy": lambda stack: saved(np.save, stack),
-    "npz": lambda stack: saved(np.savez_compressed, data=stack),
-    "mat": lambda stack: saved(scipy.io.savemat, structs(stack)),
-    "one array in mat": lambda stack: saved(scipy.io.savemat, {"arr": stack[:, 0]}),
-    "packed mat": lambda stack: saved(scipy.io.savemat, structs(stack), do_compression=True),
-    "tiff": lambda stack: saved(tifffile.imwrite, stack),
-    "tiff page by page": lambda stack: saved(write_pages, stack),
-    "zip": lambda stack: saved(zipped({f"{n}.tif": image for n, image in enumerate(stack)})),
-}
 
 
 class TestAnyFile:
@@ -66,9 +44,9 @@ class TestAnyFile:
                 read_scan(file, counts=False, angles_deg=STEPS)
 
     @pytest.mark.parametrize("kind", ["nxtomo", *WHOLE])
-    def test_every_truncation_is_refused_or_lost_nothing(self, nxtomo, file, stack, kind):
+    def test_every_truncation_is_refused_or_lost_nothing(self, nxtomo, file, kind):
         counts = kind == "nxtomo"
-        whole = nxtomo().read_bytes() if counts else WHOLE[kind](stack)
+        whole = nxtomo().read_bytes() if counts else WHOLE[kind]
         file.write_bytes(whole)
         angles = None if counts else STEPS
         complete = read_scan(file, counts=counts, angles_deg=angles).projections
@@ -93,7 +71,7 @@ class TestScan:
             archive.writestr("data.npy", saved(np.save, stack))
         refused(file.with_suffix(".npz"), "too-large", "at most 575 ", free_bytes=1279)
         for kind in ("zip", "npy"):
-            file.write_bytes(WHOLE[kind](stack))
+            file.write_bytes(WHOLE[kind])
             assert read_scan(file, counts=False, angles_deg=STEPS, free_bytes=1279).projections.size == stack.size
 
     def test_frames_of_fields_beyond_the_free_memory(self, nxtomo):
@@ -116,12 +94,6 @@ class TestHdf5:
         whole = nxtomo().read_bytes()
         file.write_bytes(whole[: len(whole) // 2])
         refused(file, "truncated-file", "HDF5 file is incomplete or damaged .*truncated file", counts=True)
-
-    def test_a_chunk_that_unpacks_to_more_than_it_declares(self, file, stack):
-        with h5py.File(file, "w") as h5:
-            data = h5.create_dataset("data", data=stack, chunks=(1, 1, 8), compression="gzip")
-            data.id.write_direct_chunk((0, 0, 0), BOMB)
-        refused(file, "too-large", f"a chunk of 'data' declares 32 bytes of data while the file stores {len(BOMB)} for")
 
 
 class TestZip:
@@ -154,8 +126,8 @@ class TestTiff:
         file.write_bytes(file.read_bytes()[:-20])
         refused(file, "truncated-file", "page 0 of the file declares more data than the file of .* bytes holds")
 
-    def test_truncated_between_two_pages(self, file, stack):
-        whole = saved(write_pages, stack)
+    def test_truncated_between_two_pages(self, file):
+        whole = WHOLE["tiff page by page"]
         with tifffile.TiffFile(io.BytesIO(whole)) as tiff:
             fifth = tiff.pages[4].offset
         file.write_bytes(whole[:fifth])
@@ -168,9 +140,8 @@ class TestTiff:
 
 
 class TestMat:
-    def test_a_packed_variable_with_a_wrong_checksum(self, file, stack):
-        scipy.io.savemat(file, structs(stack), appendmat=False, do_compression=True)
-        whole = bytearray(file.read_bytes())
+    def test_a_packed_variable_with_a_wrong_checksum(self, file):
+        whole = bytearray(WHOLE["packed mat"])
         whole[-1] ^= 0xFF
         file.write_bytes(whole)
         refused(file, "broken-file", "incorrect data check", dataset="scan/sinogram")

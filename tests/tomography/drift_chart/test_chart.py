@@ -161,8 +161,8 @@ def test_json_keeps_a_chart_and_goes_on_as_if_it_had_not_been_put_away():
 
 def test_a_state_that_is_none_is_refused():
     state = chart_to_state(DriftChart())
-    with pytest.raises(ValueError, match="layout is 1 and must be 2"):
-        chart_from_state({**state, "layout": 1})
+    with pytest.raises(ValueError, match="layout is 2 and must be 3"):
+        chart_from_state({**state, "layout": 2})
     with pytest.raises(ValueError, match="no state of a drift chart: 'pending'"):
         chart_from_state({name: value for name, value in state.items() if name != "pending"})
 
@@ -173,7 +173,7 @@ def test_a_state_that_is_none_is_refused():
         (("pending",), [[1.0]]),
         (("pending",), "none"),
         (("baseline",), None),
-        (("baseline", "change"), [0.0]),
+        (("baseline", "estimate", "change"), [0.0]),
         (("history",), []),
         (("history", "segments", 0, "precision"), [1.0]),
         (("history", "segments"), []),

@@ -53,8 +53,8 @@ def test_a_drifting_source_and_faulty_cells_are_corrected_and_reported(clean):
     assert np.abs(error[:, 1, 300]).max() < 0.3
     assert done.remarks[0] == PreparingMessage.FAULTY_CELLS(cells=3, rows=2)
     assert done.remarks[1].message is PreparingMessage.AIR_LEVEL
+    assert done.remarks[1].values["cells"] > 200
     assert done.remarks[2].startswith("In 3 rows it was taken out view by view, where it varied by 0.0")
-    assert done.air_cells.sum() > 200
 
 
 def test_rows_are_corrected_one_by_one_as_in_the_whole_stack(clean):
@@ -68,7 +68,6 @@ def test_rows_are_corrected_one_by_one_as_in_the_whole_stack(clean):
         corrector.correct(apart[:, row : row + 1], row)
     np.testing.assert_array_equal(apart, stack)
     np.testing.assert_array_equal(corrector.result().faulty, done.faulty)
-    np.testing.assert_array_equal(corrector.result().air_cells, done.air_cells)
     assert corrector.result().remarks == done.remarks
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from missing_parts import both_ways, skip_without
-from results import RESULTS, SCANNER_SPEC, THETA, answer_of
+from results import SCANNER_SPEC, THETA, succeed
 from structlog.testing import capture_logs
 
 from sawmill_contracts import kinds
@@ -23,20 +23,13 @@ from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
 from sawmill_platform.attempts.limits import OPEN_FILES, limits_of, processor_s
 from sawmill_platform.confinement import landlock
-from sawmill_platform.confinement.confinement import Surroundings, say_if_unconfined
+from sawmill_platform.confinement.confinement import say_if_unconfined
 from sawmill_platform.contracts.jobs import JobKind, JobState
 from sawmill_platform.workers.settings import ExecutionSettings
 from sawmill_store.mill_files import SCAN_FILE
 from sawmill_vocabulary import DataKind
 
 pytestmark = pytest.mark.slow
-
-
-def finish(store):
-    claim = store.jobs.claim("test")
-    output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
-    (output / SCAN_FILE).touch()
-    store.jobs.succeed(claim, answer_of(claim.job.kind, RESULTS[claim.job.kind]()), output)
 
 
 @pytest.fixture
@@ -50,9 +43,9 @@ def one_of_each(store):
         return store.files.receive([b"tell-all"], max_bytes=100)
 
     scan = store.scans.accept(spec, upload()).id
-    finish(store)
+    succeed(store, write=lambda output: (output / SCAN_FILE).touch())
     calibration = store.calibrations.accept(CalibrationRequest(scan_id=scan, activate=True)).id
-    finish(store)
+    succeed(store)
     store.scans.accept(spec, upload(), scan_id="mine")
     store.phantoms.accept_picture(PhantomPicture(name="ell", width_mm=400), upload())
     store.calibrations.accept(CalibrationRequest(scan_id=scan))
@@ -165,7 +158,7 @@ def test_rights_that_a_kernel_does_not_know_are_not_asked_for():
 )
 def test_what_the_kernel_lacks_and_root_are_said_once_at_the_start(version, wanted, user, lines):
     with capture_logs() as log:
-        say_if_unconfined(ExecutionSettings(confine_attempts=wanted), Surroundings(user, version))
+        say_if_unconfined(ExecutionSettings(confine_attempts=wanted), user, version)
     assert [line["event"] for line in log] == lines
 
 

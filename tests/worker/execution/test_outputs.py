@@ -21,8 +21,7 @@ VOLUME = "entry/reconstruction/data"
 @pytest.fixture
 def given(store, queue):
     job = queue("succeed")
-    reading = results.answer_of(kinds.INGEST, results.reading())
-    store.jobs.succeed(store.jobs.claim("test"), reading, store.files.make_attempt_folder(job.id, 1))
+    results.succeed(store)
     ask = ReconstructionRequest(scan_id=job.subject_id, theta=results.THETA, size=16)
     return store.jobs.handed_over(store.reconstructions.accept(ask).job_id)
 

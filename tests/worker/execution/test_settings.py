@@ -67,7 +67,7 @@ def test_attempts_have_no_secret_in_their_environment(monkeypatch):
     ],
 )
 def test_a_misspelt_setting_is_refused_with_the_nearest_one(name, complaint):
-    with pytest.raises(settings.UnknownVariableError) as refused:
+    with pytest.raises(settings.WrongVariableError) as refused:
         settings.check_variables({name: "30", "PATH": "/bin", "SAWMILL_PORT": "80"})
     assert str(refused.value) == complaint
 

@@ -61,13 +61,13 @@ def test_a_short_job_waits_for_no_long_one(store, storage, settings, queue):
         long = queue("talk", short=False)
         wait_until(lambda: store.jobs.get(long.id).state is JobState.RUNNING)
         time.sleep(0.5)
-        assert len(supervisor.process_ids) == 1, "no lane is open while nobody needs it"
+        assert len(process_ids(supervisor)) == 1, "no lane is open while nobody needs it"
         for _ in range(2):
             short = [queue("succeed") for _ in range(2)]
             supervisor.wake(short[0].id)
             wait_until(lambda jobs=short: all(store.jobs.get(job.id).state is JobState.SUCCEEDED for job in jobs))
             assert store.jobs.get(long.id).state is JobState.RUNNING
-            wait_until(lambda: len(supervisor.process_ids) == 1)  # it has ended by itself, and opens again
+            wait_until(lambda: len(process_ids(supervisor)) == 1)  # it has ended by itself, and opens again
     assert processes_of(storage.data_folder) == []
 
 
@@ -77,14 +77,14 @@ def test_jobs_run_without_a_wake_up_and_again_when_their_worker_was_killed_and_r
     job = queue("talk")
     wait_until(lambda: any(store.files.folder.glob(f"attempts/{job.id}*/pid")))
     victim = int(store.jobs.get(job.id).worker.rpartition("-")[2])
-    assert victim in supervisor.process_ids
+    assert victim in process_ids(supervisor)
     family = descendants(victim)
     assert int(next(store.files.folder.glob(f"attempts/{job.id}*/pid")).read_text()) in family
     os.kill(victim, signal.SIGKILL)
     wait_until(lambda: not any(map(running, family)))  # the template and all attempts, the spare one too
     wait_until(lambda: store.jobs.get(job.id).attempt == 2)
-    wait_until(lambda: len(supervisor.process_ids) == 2)
-    assert victim not in supervisor.process_ids
+    wait_until(lambda: len(process_ids(supervisor)) == 2)
+    assert victim not in process_ids(supervisor)
 
 
 def test_a_busy_worker_reports_that_it_works_is_woken_for_the_next_job_and_gives_its_job_back_when_it_is_left(
@@ -139,6 +139,10 @@ def test_a_worker_that_cannot_start_is_tried_again_ever_more_slowly(storage, set
     worker.end(60)
 
 
+def process_ids(supervisor: WorkerSupervisor) -> list[int]:
+    return [worker.process.pid for worker in supervisor._workers if worker.is_running]
+
+
 def heard(supervisor: WorkerSupervisor) -> bool:
     with suppress(BlockingIOError):
         return bool(supervisor._workers[0]._line.recv(1, socket.MSG_PEEK))
@@ -153,18 +157,18 @@ def test_a_worker_that_had_worked_is_replaced_soon_however_often_it_is_killed(st
     able = [sys.executable, "-c", "import os, time; os.write(0, bytes(1)); time.sleep(600)"]
     with capture_logs() as log, WorkerSupervisor(storage, settings, command=able) as supervisor:
         for _ in range(3):
-            wait_until(lambda: supervisor.process_ids)
-            victim = supervisor.process_ids[0]
+            wait_until(lambda: process_ids(supervisor))
+            victim = process_ids(supervisor)[0]
             wait_until(lambda: heard(supervisor))
             os.kill(victim, signal.SIGKILL)
-            wait_until(lambda victim=victim: supervisor.process_ids not in ([], [victim]))
+            wait_until(lambda victim=victim: process_ids(supervisor) not in ([], [victim]))
     assert restarts(log) == [("worker-ended", 0.5)] * 3
 
 
 def test_a_system_that_cannot_start_a_process_is_asked_again(storage, settings):
     refuse_twice = at_call("subprocess.Popen", refusing(errno.EAGAIN, times=2))
     with capture_logs() as log, refuse_twice, WorkerSupervisor(storage, settings, command=IDLE) as supervisor:
-        wait_until(lambda: supervisor.process_ids)
+        wait_until(lambda: process_ids(supervisor))
     assert restarts(log) == [("worker-not-started", 0.5), ("worker-not-started", 1.0)]
 
 

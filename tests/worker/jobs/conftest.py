@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from results import answer_of
+from results import succeed
 from small_scanner import calibration, constants, scanner, sinogram, spec, theta, turn  # noqa: F401 - fixtures
 
 from sawmill_contracts import kinds
@@ -50,13 +50,11 @@ def attempt(store: Store, tmp_path: Path) -> Callable[..., MillAttempt]:
 @pytest.fixture
 def finish(store: Store) -> Callable[[MillAttempt, dict[str, Any]], Job]:
     def commit(attempt: MillAttempt, result: dict[str, Any]) -> Job:
-        claim = store.jobs.claim("test")
-        assert claim is not None
-        output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
-        for path in attempt.output.iterdir():
-            path.rename(output / path.name)
-        store.jobs.succeed(claim, answer_of(claim.job.kind, result), output)
-        return store.jobs.get(claim.job_id)
+        def move(output: Path) -> None:
+            for path in attempt.output.iterdir():
+                path.rename(output / path.name)
+
+        return store.jobs.get(succeed(store, write=move, result=result).job_id)
 
     return commit
 

@@ -45,12 +45,11 @@ class _Counted(io.FileIO):
             )
         data = super().read(length) or b""
         if self.largest < math.inf and data.count(DIRECTORY_ENTRY) > MOST_MEMBERS:
-            raise _too_many(data.count(DIRECTORY_ENTRY))
+            raise UnreadableScan(
+                "too-large",
+                f"the archive holds {data.count(DIRECTORY_ENTRY)} files; at most {MOST_MEMBERS} are allowed",
+            )
         return data
-
-
-def _too_many(count: int) -> UnreadableScan:
-    return UnreadableScan("too-large", f"the archive holds {count} files; at most {MOST_MEMBERS} are allowed")
 
 
 def members(archive: ZipFile, size_bytes: int, max_bytes: int) -> list[ZipInfo]:
@@ -59,8 +58,6 @@ def members(archive: ZipFile, size_bytes: int, max_bytes: int) -> list[ZipInfo]:
     What is unpacked of a member never exceeds the size checked here: the reader of the standard library stops there.
     """
     infos = [info for info in archive.infolist() if not info.is_dir()]
-    if len(infos) > MOST_MEMBERS:
-        raise _too_many(len(infos))
     for info in infos:
         _check_member(info)
     declared = sum(info.file_size for info in infos)

@@ -235,11 +235,7 @@ def _deflated(packed: bytes, most: int) -> int:
 def _packbits(packed: bytes, most: int) -> int:
     from sawmill_formats._chunks_numba import packbits_bytes  # noqa: PLC0415 - Numba, for such data only
 
-    return int(packbits_bytes(_bytes(packed), most))
-
-
-def _bytes(packed: bytes) -> NDArray[np.uint8]:
-    return np.frombuffer(packed, np.uint8)
+    return int(packbits_bytes(np.frombuffer(packed, np.uint8), most))
 
 
 # Deflate: RFC 1951, 258 bytes from two bits. PackBits: 128 bytes from two; the library's decoder stores each byte as an

@@ -203,12 +203,9 @@ def _could_serve(arrays: NamedArrays, projections: str, pattern: re.Pattern[str]
     """Name the arrays with such a name that are texts or have `size` values, with their uninterpreted values."""
     names = (name for name in arrays.infos if name not in {projections, *OTHER_NAMES})
     named = (name for name in names if pattern.search(name.rpartition("/")[2]))
-    described = (_described(arrays, name) for name in named if _values_of(arrays.infos[name]) in {size, None})
+    infos = ((name, arrays.infos[name]) for name in named)
+    described = (_described(arrays, name) for name, info in infos if not info.numeric or math.prod(info.shape) == size)
     return list(islice(filter(None, described), MOST_NAMES_QUOTED))
-
-
-def _values_of(info: ArrayInfo) -> int | None:
-    return math.prod(info.shape) if info.numeric else None
 
 
 def _described(arrays: NamedArrays, name: str) -> str | None:

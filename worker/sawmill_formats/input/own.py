@@ -1,6 +1,6 @@
 """Recognition of our own files; scans and calibrations among them are read as they are."""
 
-from contextlib import nullcontext, suppress
+from contextlib import suppress
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
@@ -14,12 +14,12 @@ from sawmill_formats.errors import UnreadableScan, library_errors_translated
 from sawmill_formats.hdf5 import open_hdf5
 from sawmill_formats.input.arrays import MAX_BYTES, Bounds
 from sawmill_formats.input.contents import LARGEST_PITCH_MM, LEAST_PITCH_MM
-from sawmill_formats.input.hdf5.guard import attribute, attribute_text, find, numbers, read_text, read_values
+from sawmill_formats.input.hdf5.guard import attribute_text, find, numbers, read_text, read_values
 from sawmill_formats.input.plausible import LARGEST_ANGLE_DEG
 from sawmill_formats.nexus import CHUNK_BYTES
 from sawmill_formats.output import scan_layout
 from sawmill_formats.output.calibration_file import ANSWER, ARRAYS
-from sawmill_formats.output.scan_reader import open_scan
+from sawmill_formats.output.scan_reader import OpenScan, open_scan
 
 
 def is_own_scan(path: Path) -> bool:
@@ -31,9 +31,10 @@ def is_own_scan(path: Path) -> bool:
         return False
     with suppress(UnreadableScan), library_errors_translated("HDF5"):
         with open_hdf5(path) as file:
-            own = _is_marked(file) and _is_whole(file)
-        with open_scan(path) if own else nullcontext():  # a scan that was repacked is read as any other file
-            return own
+            own = _is_marked(file) and numbers(file, scan_layout.DATA, Bounds(MAX_BYTES, CHUNK_BYTES)) is not None
+        if own:
+            with open_scan(path) as scan:  # a scan that was repacked is read as any other file
+                return _is_plausible(scan)
     return False
 
 
@@ -46,36 +47,12 @@ def _is_marked(file: h5py.File) -> bool:
     return own and data is not None and attribute_text(data, "long_name") == scan_layout.LINE_INTEGRALS
 
 
-def _is_whole(file: h5py.File) -> bool:
-    bounds = Bounds(MAX_BYTES, CHUNK_BYTES)
-    data = numbers(file, scan_layout.DATA, bounds)
-    angles = numbers(file, scan_layout.ANGLES, bounds.whole)
-    x_pitch, y_pitch, air_level = (
-        numbers(file, path, bounds) for path in (scan_layout.CELL_PITCH, scan_layout.ROW_PITCH, scan_layout.AIR_LEVEL)
-    )
-    if data is None or angles is None or x_pitch is None or data.dtype != np.float32 or data.ndim != 3:
-        return False
-    if not data.size or angles.shape != data.shape[:1] or not (np.abs(read_values(angles)) <= LARGEST_ANGLE_DEG).all():
-        return False
-    deviations = numbers(file, scan_layout.DEVIATIONS, bounds)
-    if deviations is not None and (deviations.dtype != np.float32 or deviations.shape != data.shape):
-        return False
-    if not _rows_present_are_whole(file, data.shape[:2], bounds.whole):
-        return False
-    pitches_are_distances = all(pitch is None or _is_distance(pitch) for pitch in (x_pitch, y_pitch))
-    return pitches_are_distances and (air_level is None or air_level.shape == data.shape[1:])
-
-
-def _is_distance(pitch: h5py.Dataset) -> bool:
-    return pitch.shape == () and bool(LEAST_PITCH_MM <= read_values(pitch) <= LARGEST_PITCH_MM)
-
-
-def _rows_present_are_whole(file: h5py.File, shape: tuple[int, ...], bounds: Bounds) -> bool:
-    present = numbers(file, scan_layout.ROWS_PRESENT, bounds)
-    if present is None:
-        return True
-    usable = np.asarray(attribute(present, scan_layout.USABLE))
-    return present.shape == shape and usable.shape == (2,) and bool(0 <= usable[0] < usable[1] <= shape[1])
+def _is_plausible(scan: OpenScan) -> bool:
+    single = all(each is None or each.dtype == np.float32 for each in (scan.data, scan.deviations))
+    pitches_mm = (scan.detector_pitch_mm, scan.row_pitch_mm)
+    distances = all(pitch is None or LEAST_PITCH_MM <= pitch <= LARGEST_PITCH_MM for pitch in pitches_mm)
+    angles = bool((np.abs(np.rad2deg(scan.angles_rad)) <= LARGEST_ANGLE_DEG).all())
+    return single and distances and angles and scan.data.size > 0
 
 
 class OwnKind(StrEnum):

@@ -133,7 +133,11 @@ def new_reconstruction(
             along = first_slice_mm + along * row_pitch_mm
         volume = _new_volume(entry, unit, along, x_mm, y_mm, spaced=row_pitch_mm is not None)
         describe_image(volume, "attenuation", (along, x_mm, y_mm), (row_pitch_mm or 1.0, pixel_mm, pixel_mm))
-        _write_origin(entry)
+        # NXtomoproc requires a source and a sample.
+        source = new_group(new_group(entry, "instrument", "NXinstrument"), "source", "NXsource")
+        source["type"], source["probe"] = "Fixed Tube X-ray", "x-ray"
+        source["name"] = "X-ray tube of the sawmill's scanner"
+        new_group(entry, "sample", "NXsample")["name"] = "log"
         process = write_process(file, layout.RECONSTRUCTION, software_version, input_sha256)
         # The scan's file had a name at its origin; here it is known by its checksum.
         write_mapping(process, "parameters", {**parameters, "raw_file": f"sha256:{input_sha256}"})
@@ -205,13 +209,6 @@ def _new_side_views(file: h5py.File) -> list[h5py.Dataset]:
 def _centres_mm(count: int, spacing_mm: float) -> NDArray[np.float64]:
     # Pixel centres at -half + (i + 1/2) h: docs/look-up/conventions.md#axes.
     return (np.arange(count, dtype=np.float64) + 0.5 - count / 2) * spacing_mm
-
-
-def _write_origin(entry: h5py.Group) -> None:
-    """Write what NXtomoproc requires about the source and the sample."""
-    source = new_group(new_group(entry, "instrument", "NXinstrument"), "source", "NXsource")
-    source["type"], source["name"], source["probe"] = "Fixed Tube X-ray", "X-ray tube of the sawmill's scanner", "x-ray"
-    new_group(entry, "sample", "NXsample")["name"] = "log"
 
 
 _GROUP, _POINTS = "VTKHDF", "VTKHDF/PointData"

@@ -60,8 +60,10 @@ def _attempt(channel: BinaryIO, work: protocol.Work[Any], settings: ExecutionSet
         channel.write(protocol.to_line(protocol.Ready()))
     except BrokenPipeError:  # the supervisor was killed in the mean time
         return
-    line = _line_from(supervisor)
-    if line:
+    line = b""
+    while not line.endswith(b"\n") and (part := supervisor.read(65_536)):
+        line += part
+    if line.endswith(b"\n"):  # otherwise the supervisor stopped sending
         assignment = protocol.Assignment.model_validate_json(line)
         with about_attempt(assignment.job):
             attempt = _attempt_at(assignment, work, channel)
@@ -78,14 +80,6 @@ def _attempt(channel: BinaryIO, work: protocol.Work[Any], settings: ExecutionSet
                 log.error("job-failed-unexpectedly", exc_info=error)
             elif isinstance(answer, protocol.Failed):
                 log.info("job-failed", code=answer.failure.code, detail=answer.failure.detail)
-
-
-def _line_from(supervisor: BinaryIO) -> bytes:
-    """Read a line, until the supervisor stops sending; return no bytes if the line is not complete."""
-    line = b""
-    while not line.endswith(b"\n") and (part := supervisor.read(65_536)):
-        line += part
-    return line if line.endswith(b"\n") else b""
 
 
 def _end_with(supervisor: BinaryIO) -> None:
@@ -122,17 +116,13 @@ def _gone_files_are_outages(attempt: protocol.Attempt[Any]) -> Iterator[None]:
         yield
     except Exception as error:
         ours = [str(path) for path in (attempt.output, attempt.given.file) if path is not None]
-        for cause in _with_causes(error):
+        cause: BaseException | None = error
+        while cause is not None:
             if isinstance(cause, FileNotFoundError) and any(path in str(cause) for path in ours):
                 msg = "the data folder was away, or lacks a file of the job's: the attempt was given up; look at "
                 raise FolderUnavailable(f"{msg}its disk or mount in the system's log") from error
+            cause = cause.__cause__ or cause.__context__
         raise
-
-
-def _with_causes(error: BaseException | None) -> Iterator[BaseException]:
-    while error is not None:
-        yield error
-        error = error.__cause__ or error.__context__
 
 
 def _attempt_at(assignment: protocol.Assignment, work: protocol.Work[Any], channel: BinaryIO) -> protocol.Attempt[Any]:

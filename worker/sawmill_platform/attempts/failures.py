@@ -40,22 +40,18 @@ def died(exit_code: int, kind: JobKind) -> Failure:
     """
     number = -exit_code
     if number in _CRASHES:
-        return _crashed(signal.Signals(number), kind)
+        how, upload = signal.Signals(number), declaration_of(kind).upload
+        if upload is not None:
+            return Failure(kind=FailureKind.INPUT, code="broken-file", detail=crashed_reader(upload, how))
+        detail = f"the job's process crashed ({how.name}), which is a defect; please report it with the worker's log"
+        return Failure(kind=FailureKind.INTERNAL, code="attempt-crashed", detail=detail)
     if number == signal.SIGXCPU:
         return too_long(kind, processor_s(kind), of=" of processor time")
     if number == signal.SIGXFSZ:
         return _too_large(kind)
-    how = f"was ended from outside by signal {number}" if exit_code < 0 else f"ended with exit code {exit_code}"
-    detail = f"the job's process {how} before it had an answer; the system's log may say why"
+    end = f"was ended from outside by signal {number}" if exit_code < 0 else f"ended with exit code {exit_code}"
+    detail = f"the job's process {end} before it had an answer; the system's log may say why"
     return Failure(kind=FailureKind.PASSING, code="attempt-died", detail=detail)
-
-
-def _crashed(how: signal.Signals, kind: JobKind) -> Failure:
-    declared = declaration_of(kind)
-    if declared.upload is not None:
-        return Failure(kind=FailureKind.INPUT, code="broken-file", detail=crashed_reader(declared.upload, how))
-    detail = f"the job's process crashed ({how.name}), which is a defect; please report it with the worker's log"
-    return Failure(kind=FailureKind.INTERNAL, code="attempt-crashed", detail=detail)
 
 
 def crashed_reader(what: str, how: signal.Signals) -> str:
@@ -75,7 +71,10 @@ def _beyond_a_limit(error: Exception, kind: JobKind) -> Failure | None:
     """Return the failure of a job that exceeded a process limit (`attempts.limits`); None for other errors."""
     number = error.errno if isinstance(error, OSError) else None
     if isinstance(error, MemoryError) or number == errno.ENOMEM or str(error) == _NO_THREAD:
-        return _out_of_memory(kind)
+        limit, _ = resource.getrlimit(resource.RLIMIT_DATA)
+        than = "there is" if limit == resource.RLIM_INFINITY else f"the {limit / 2**30:.3g} GiB that it may take"
+        detail = f"the job needs more memory than {than}: {declaration_of(kind).lighter}"
+        return Failure(kind=FailureKind.INPUT, code="out-of-memory", detail=detail)
     if number == errno.EFBIG:
         return _too_large(kind)
     if number == errno.EMFILE:
@@ -83,13 +82,6 @@ def _beyond_a_limit(error: Exception, kind: JobKind) -> Failure | None:
         detail = f"the job needs more than the {most} open files that it may have: give a file of fewer parts"
         return Failure(kind=FailureKind.INPUT, code="too-many-files", detail=detail)
     return None
-
-
-def _out_of_memory(kind: JobKind) -> Failure:
-    limit, _ = resource.getrlimit(resource.RLIMIT_DATA)
-    than = "there is" if limit == resource.RLIM_INFINITY else f"the {limit / 2**30:.3g} GiB that it may take"
-    detail = f"the job needs more memory than {than}: {declaration_of(kind).lighter}"
-    return Failure(kind=FailureKind.INPUT, code="out-of-memory", detail=detail)
 
 
 def too_long(kind: JobKind, limit_s: float, *, of: str = "") -> Failure:

@@ -97,17 +97,14 @@ class _Children:
         self._events.unregister(descriptor)
         os.close(descriptor)
         _, status = os.waitpid(process_id, 0)
-        self._end_orphans()
-        _enter(book, os.waitstatus_to_exitcode(status))
-        os.close(book)
-
-    def _end_orphans(self) -> None:
-        """Kill and reap the processes that ended attempts have left; the end of one may leave more."""
+        # The processes that ended attempts have left are killed; the end of one may leave more.
         attempts = {key.data[0] for key in self._events.get_map().values() if key.data is not None}
         while orphans := _children() - attempts:
-            for process_id in orphans:
-                os.kill(process_id, signal.SIGKILL)
-                os.waitpid(process_id, 0)
+            for orphan in orphans:
+                os.kill(orphan, signal.SIGKILL)
+                os.waitpid(orphan, 0)
+        _enter(book, os.waitstatus_to_exitcode(status))
+        os.close(book)
 
     def _become_child(self, assignment: int, channel: int, attempt: AttemptMain) -> None:
         """Run the attempt in a new session and end, without the descriptors of the template and of other children."""

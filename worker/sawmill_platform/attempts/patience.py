@@ -64,16 +64,14 @@ class Patience:
         if not self._begun and self._still_s >= min(BEGIN_S, self._stall_s):
             return not_begun(self._still_s)
         self._used_s = processor_s if self._used_s is None else self._used_s
-        if self._reading_s is not None and self._begun and self._loops(processor_s - self._used_s, self._reading_s):
-            detail = endless_reader(self._upload or "file", self._still_s)
-            return Failure(kind=FailureKind.INPUT, code="broken-file", detail=detail)
+        if self._reading_s is not None and self._begun and self._still_s >= self._reading_s:
+            share = LEAST_SHARE if self._still_s >= self._stall_s else BUSY_SHARE
+            if processor_s - self._used_s >= share * self._reading_s:
+                detail = endless_reader(self._upload or "file", self._still_s)
+                return Failure(kind=FailureKind.INPUT, code="broken-file", detail=detail)
         if self._still_s >= self._stall_s:
             return stalled(self._still_s, None if self._seen is None else self._seen.stage)
         return None
-
-    def _loops(self, busy_s: float, reading_s: float) -> bool:
-        share = LEAST_SHARE if self._still_s >= self._stall_s else BUSY_SHARE
-        return self._still_s >= reading_s and busy_s >= share * reading_s
 
 
 def _place(progress: Progress) -> tuple[str, float, int | None]:

@@ -5,6 +5,7 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
@@ -173,9 +174,10 @@ class Runner:
         output: Path | None = None
         try:
             output = self._store.files.make_attempt_folder(claim.job_id, claim.attempt)
-            return _Supervision(self._store, self._settings, self._stop, claim, process, self._take_for_check).run(
-                output
+            supervision = _Supervision(
+                self._store, self._settings, self._stop, claim, process, self._take_for_check, output
             )
+            return supervision.run()
         finally:
             process.end(self._settings.kill_grace_s)
             if output is not None:
@@ -193,42 +195,35 @@ class Runner:
                     return None
 
 
+@dataclass
 class _Supervision:
     """Supervision of one attempt: relays its progress, keeps its lease, and ends it."""
 
-    def __init__(
-        self,
-        store: JobServiceStore,
-        settings: ExecutionSettings,
-        stop: threading.Event,
-        claim: Claim,
-        process: AttemptProcess,
-        take_ready: Callable[[], AttemptProcess],
-    ) -> None:
-        self._store = store
-        self._settings = settings
-        self._stop = stop
-        self._claim = claim
-        self._process = process
-        self._take_ready = take_ready
-        self._progress: Progress | None = None
-        self._last_beat = time.monotonic()
-        self._missed = ""
-        self._give_back_at: float | None = None
-        self._last_look = self._last_beat
-        self._limits: Begun | None = None
-        self._input: Path | None = None
+    _store: JobServiceStore
+    _settings: ExecutionSettings
+    _stop: threading.Event
+    _claim: Claim
+    _process: AttemptProcess
+    _take_ready: Callable[[], AttemptProcess]
+    _output: Path
+    _progress: Progress | None = None
+    _last_beat: float = field(default_factory=time.monotonic)
+    _last_look: float = field(default_factory=time.monotonic)
+    _missed: str = ""
+    _give_back_at: float | None = None
+    _limits: Begun | None = None
+    _input: Path | None = None
 
-    def run(self, output: Path) -> JobState:
-        answer: Succeeded | Failed | JobState | None = self._begin(output)
+    def run(self) -> JobState:
+        answer: Succeeded | Failed | JobState | None = self._begin()
         try:
             if answer is None:
-                answer = self._watch(output)
+                answer = self._watch()
             if isinstance(answer, Succeeded):
                 # With all processes that it has started: nobody writes to files that are checked and published.
                 self._process.end(self._settings.kill_grace_s)
-                result, sha256 = self._while_leased("checking a result", partial(self._check, answer, output))
-                self._publish(result, sha256, answer.peak_memory_bytes, output)
+                result, sha256 = self._while_leased("checking a result", partial(self._check, answer))
+                self._publish(result, sha256, answer.peak_memory_bytes)
                 return JobState.SUCCEEDED
         except InvalidOutput as error:
             structlog.get_logger().exception("attempt-left-nonsense")
@@ -246,7 +241,7 @@ class _Supervision:
             )
         return answer
 
-    def _begin(self, output: Path) -> Failed | None:
+    def _begin(self) -> Failed | None:
         """Hand the job over to the process, or return why it cannot be handed over."""
         try:
             self._given = self._store.jobs.handed_over(self._claim.job_id)
@@ -267,7 +262,9 @@ class _Supervision:
                     return Failed(failure=Failure(kind=FailureKind.INPUT, code=error.code, detail=str(error)))
         upload_bytes = self._input.stat().st_size if reads_upload and self._input is not None else None
         self._patience = Patience(self._claim.job.kind, self._settings, upload_bytes=upload_bytes)
-        self._process.assign(Assignment(job=self._claim.job, given_json=self._given.model_dump_json(), output=output))
+        self._process.assign(
+            Assignment(job=self._claim.job, given_json=self._given.model_dump_json(), output=self._output)
+        )
         return None
 
     def _while_leased(self, doing: str, read: Callable[[], Read]) -> Read:
@@ -278,9 +275,9 @@ class _Supervision:
                 self._cancellation_came_in()
             return reading.result()
 
-    def _check(self, answer: Succeeded, output: Path) -> tuple[Contract, bytes | None]:
+    def _check(self, answer: Succeeded) -> tuple[Contract, bytes | None]:
         """Return an attempt's result, and the digest of the file that it left, if it left one."""
-        result, file = self._store.jobs.check_output(self._claim.job.kind, answer.result, output)
+        result, file = self._store.jobs.check_output(self._claim.job.kind, answer.result, self._output)
         if file is None:
             return result, None
         self._check_apart(file, answer)
@@ -321,17 +318,17 @@ class _Supervision:
                 if self._stop.wait(self._settings.housekeeping_s):
                     raise StorageUnavailable("the worker stopped before a result was checked") from error
 
-    def _publish(self, result: Contract, sha256: bytes | None, peak_memory_bytes: int | None, output: Path) -> None:
+    def _publish(self, result: Contract, sha256: bytes | None, peak_memory_bytes: int | None) -> None:
         """Publish as soon as the database answers: an outage must not make a job compute its result again."""
         said = ""
         while True:
             try:
                 self._store.jobs.succeed(
-                    self._claim, result, output, sha256=sha256, peak_memory_bytes=peak_memory_bytes
+                    self._claim, result, self._output, sha256=sha256, peak_memory_bytes=peak_memory_bytes
                 )
             except StorageUnavailable as error:
                 # Without its folder the result was published, and the row's commit failed: the job is run again.
-                if not output.exists() or self._stop.is_set():
+                if not self._output.exists() or self._stop.is_set():
                     raise
                 said = _say_once("end-put-off", error, said)
                 self._stop.wait(self._settings.housekeeping_s)
@@ -340,7 +337,7 @@ class _Supervision:
             else:
                 return
 
-    def _watch(self, output: Path) -> Succeeded | Failed | JobState:
+    def _watch(self) -> Succeeded | Failed | JobState:
         """Wait for the answer, or for the state in which the job was ended without one."""
         while True:
             for message in self._process.receive(self._settings.progress_s):
@@ -349,14 +346,16 @@ class _Supervision:
                         return message.model_copy(update={"failure": self._outage_behind(message.failure)})
                     if self._limits is None:
                         raise AttemptTalksNonsense("an answer from a process that has not begun")
-                    too_much = self._overuse(output)  # since the last look
+                    too_much = self._overuse()  # since the last look
                     return message if too_much is None else Failed(failure=too_much)
-                self._note(message, output)
+                self._note(message)
             if self._process.hung_up:
                 failure = died(self._process.end(self._settings.kill_grace_s), self._claim.job.kind)
                 return Failed(failure=failure if failure.code in LIMITS_MET else self._outage() or failure)
-            looking = self._time_to_look()
-            beyond = (self._overuse(output) if looking else None) or self._patience.end(
+            looking = time.monotonic() - self._last_look >= self._settings.progress_s
+            if looking:
+                self._last_look = time.monotonic()
+            beyond = (self._overuse() if looking else None) or self._patience.end(
                 processor_s_of(self._process.process_id)
             )
             if beyond is not None:
@@ -367,11 +366,15 @@ class _Supervision:
                 self._process.end(self._settings.kill_grace_s)
                 self._store.jobs.cancelled(self._claim)
                 return JobState.CANCELLED
-            if self._time_to_give_back() or (looking and self._others_wait()):
+            if self._time_to_give_back() or (
+                looking
+                and self._claim.job.background
+                and self._is_so(partial(self._store.jobs.is_in_the_way, self._claim))
+            ):
                 self._process.end(self._settings.kill_grace_s)
                 return self._store.jobs.release(self._claim)
 
-    def _note(self, message: AnyMessage, output: Path) -> None:
+    def _note(self, message: AnyMessage) -> None:
         if isinstance(message, Begun) and self._limits is None:
             self._limits = message
             self._patience.moved()
@@ -380,28 +383,21 @@ class _Supervision:
             self._patience.heard(message.progress)
         if isinstance(message, Kept):
             self._patience.moved()
-            self._keep(message, output)
+            self._keep(message)
 
-    def _time_to_look(self) -> bool:
-        """Return whether `progress_s` have passed since the last look, and note the look."""
-        if time.monotonic() - self._last_look < self._settings.progress_s:
-            return False
-        self._last_look = time.monotonic()
-        return True
-
-    def _overuse(self, output: Path) -> Failure | None:
+    def _overuse(self) -> Failure | None:
         """Return the failure of an attempt that exceeds limits which the system does not enforce."""
         if self._limits is None:
             return None
         reserve_bytes = self._store.settings.disk_reserve_bytes
         with disk_outage_reported("an attempt"):
             return overuse(
-                self._process.process_id, output, self._claim.job.kind, self._limits, reserve_bytes=reserve_bytes
+                self._process.process_id, self._output, self._claim.job.kind, self._limits, reserve_bytes=reserve_bytes
             )
 
-    def _keep(self, message: Kept, output: Path) -> None:
+    def _keep(self, message: Kept) -> None:
         try:
-            self._store.jobs.keep(self._claim, output, message.names)
+            self._store.jobs.keep(self._claim, self._output, message.names)
         except (NotFound, PermissionError) as error:  # a folder of checkpoints that is closed to its owner
             raise AttemptTalksNonsense(str(error)) from error
         except (StorageFull, StorageUnavailable) as error:
@@ -439,24 +435,17 @@ class _Supervision:
         except (StorageFull, StorageUnavailable) as error:
             # The lease outlives several heartbeats; the next one is due soon.
             self._missed = _say_once("heartbeat-missed", error, self._missed)
-            return isinstance(error, StorageFull) and self._cancellation_can_be_read()
+            # A disk without room for a heartbeat can still be read.
+            return isinstance(error, StorageFull) and self._is_so(
+                lambda: self._store.jobs.get(self._claim.job_id).cancel_requested
+            )
         self._missed = ""
         return cancelled
 
-    def _cancellation_can_be_read(self) -> bool:
-        """Return whether a cancellation was requested, on a disk that has no room for a heartbeat."""
+    def _is_so(self, look: Callable[[], bool]) -> bool:
+        """Return what a look at the rows finds; false if the database does not answer."""
         try:
-            return self._store.jobs.get(self._claim.job_id).cancel_requested
-        except StorageUnavailable as error:
-            structlog.get_logger().warning("look-put-off", reason=str(error))
-            return False
-
-    def _others_wait(self) -> bool:
-        """Return whether this is a background job and another job waits."""
-        if not self._claim.job.background:
-            return False
-        try:
-            return self._store.jobs.is_in_the_way(self._claim)
+            return look()
         except StorageUnavailable as error:
             structlog.get_logger().warning("look-put-off", reason=str(error))
             return False

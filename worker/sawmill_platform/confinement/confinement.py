@@ -13,7 +13,6 @@ import tempfile
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple, Self
 
 import structlog
 
@@ -109,25 +108,13 @@ def installation() -> Sequence[Path]:
     return [path for path in there if not there.intersection(path.parents)]
 
 
-class Surroundings(NamedTuple):
-    """What decides how far attempts can be confined: the user, and the version of Landlock (0: there is none)."""
-
-    user_id: int
-    landlock: int
-
-    @classmethod
-    def here(cls) -> Self:
-        """Return the surroundings of this process."""
-        return cls(os.geteuid(), landlock.version())
-
-
-def say_if_unconfined(settings: ExecutionSettings, surroundings: Surroundings) -> None:
+def say_if_unconfined(settings: ExecutionSettings, user_id: int, landlock_version: int) -> None:
     """Warn of the user root, of attempts not confined to their own files, and of a gap in the kernel's Landlock."""
-    if surroundings.user_id == 0:
+    if user_id == 0:
         structlog.get_logger().warning(
             "run-as-root", remedy="run the service as a user of its own: see docs/do/install.md"
         )
-    found = surroundings.landlock if settings.confine_attempts else 0
+    found = landlock_version if settings.confine_attempts else 0
     if found < landlock.COMPLETE:
         structlog.get_logger().warning(
             "attempts-confined-in-part" if found else "attempts-not-confined",

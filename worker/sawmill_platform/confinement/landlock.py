@@ -44,7 +44,9 @@ class Handled(NamedTuple):
 
 def handled_by(newest: int) -> Handled:
     """Return what a version of the interface can restrict; nothing else may be asked of it."""
-    return Handled(*(_bits(counts, newest) for counts in (_FILE_RIGHTS, _TCP_RIGHTS, _SCOPES)))
+    tables = (_FILE_RIGHTS, _TCP_RIGHTS, _SCOPES)
+    counts = (max((count for since, count in table.items() if since <= newest), default=0) for table in tables)
+    return Handled(*((1 << count) - 1 for count in counts))
 
 
 def version() -> int:
@@ -97,14 +99,9 @@ def _allow(ruleset: int, path: Path, rights: int, *, keep: bool) -> None:
             os.close(descriptor)
 
 
-def _bits(counts: dict[int, int], newest: int) -> int:
-    return (1 << max((count for since, count in counts.items() if since <= newest), default=0)) - 1
-
-
 def _call(number: int, *arguments: bytes | int | None) -> int:
     words = [ctypes.c_long(argument) if isinstance(argument, int) else argument for argument in arguments]
-    answer: int = _LIBC.syscall(ctypes.c_long(number), *words)
-    return answer
+    return int(_LIBC.syscall(ctypes.c_long(number), *words))
 
 
 def _checked(answer: int) -> int:

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterable
 from enum import StrEnum
+from fnmatch import fnmatchcase
 from typing import Annotated, Literal, NamedTuple
 
 from pydantic import AfterValidator, Field
@@ -58,11 +59,7 @@ def _check_url(url: str) -> str:
 
 def kinds_of(names: Iterable[str]) -> frozenset[EventType]:
     """Return the kinds of events with one of these names, or with one's beginning before the `*`."""
-    return frozenset(kind for name in names for kind in EventType.published() if _names(name, kind))
-
-
-def _names(name: str, kind: EventType) -> bool:
-    return kind.startswith(name[:-1]) if name.endswith("*") else kind == name
+    return frozenset(kind for name in names for kind in EventType.published() if fnmatchcase(kind, name))
 
 
 def _check_events(names: list[str]) -> list[str]:

@@ -195,6 +195,13 @@ class Database:
         self.engine.dispose()
 
 
+class StorePart:
+    """Part of a store: every method is one transaction on the database."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+
 def newest_revision() -> str:
     """Return the number of the last migration of the chain; the chain's order is not the order of the numbers."""
     numbers, before = _chain()
@@ -235,21 +242,15 @@ def why_unreadable(connection: Connection) -> str | None:
     found = revision_of(connection)
     if found is None or is_known(found):
         return None
-    version = _product_version(connection)
+    version: str | None = None  # of a database of 0.1.0, which has no such column
+    if _notes_product_version(connection):
+        version = connection.scalar(text("SELECT product_version FROM alembic_version"))
     tables = f"revision {found}" if version is None else f"version {version} (revision {found})"
     return (
         f"the database has tables of {tables}, which this program, version {VERSION} (revision {newest_revision()}), "
         f"cannot read: start {'the version that wrote them' if version is None else f'version {version}'}, or give an "
         "empty data folder or database"
     )
-
-
-def _product_version(connection: Connection) -> str | None:
-    """Return the version of the program that brought the tables to their revision; None: one before 0.2.0."""
-    if not _notes_product_version(connection):
-        return None
-    version: str | None = connection.scalar(text("SELECT product_version FROM alembic_version"))
-    return version
 
 
 def _notes_product_version(connection: Connection) -> bool:
@@ -298,14 +299,13 @@ def lock_files_of(session: Session, subject_id: str, *, wait: bool = True) -> bo
     return bool(session.scalar(text("SELECT pg_try_advisory_xact_lock(:files, hashtext(:subject))"), key))
 
 
-def _one_process_at_a_time(engine: Engine) -> AbstractContextManager[None]:
-    # Turning a new SQLite file into a WAL one ignores the busy timeout, so the very first connection needs this lock.
-    file = engine.url.database if engine.dialect.name == "sqlite" else None
-    return _file_lock(Path(f"{file}.lock")) if file else nullcontext()
-
-
 @contextmanager
-def _file_lock(path: Path) -> Iterator[None]:
+def _one_process_at_a_time(engine: Engine) -> Iterator[None]:
+    # Turning a new SQLite file into a WAL one ignores the busy timeout, so the very first connection needs this lock.
+    if engine.dialect.name != "sqlite" or not engine.url.database:
+        yield
+        return
+    path = Path(f"{engine.url.database}.lock")
     with disk_outage_reported("opening the database"):
         opened = path.open("w")
     with opened as file:
@@ -315,8 +315,7 @@ def _file_lock(path: Path) -> Iterator[None]:
 
 def _migrations() -> Path:
     """Return the folder of the migrations, which is named by the package that completes the tables."""
-    folder: Path = Base.metadata.info["migrations"]
-    return folder
+    return Path(Base.metadata.info["migrations"])
 
 
 # A cancellation changes some thirty pages of 4 KiB, which the write-ahead log takes.

@@ -142,6 +142,11 @@ class Resource(Base):
     created_at: Mapped[datetime]
 
 
+def partial_index(name: str | None, condition: str, *columns: str) -> Index:
+    """Return the index of the rows that fulfil a condition, written in SQL."""
+    return Index(name, *columns, sqlite_where=text(condition), postgresql_where=text(condition))
+
+
 class JobRow(Resource):
     """The row is the job (docs/understand/architecture.md#jobs)."""
 
@@ -153,12 +158,7 @@ class JobRow(Resource):
         Index("ix_jobs_queue", "state", "priority", "group_id", "created_at", "id", "short", "kind"),
         Index("ix_jobs_places", "state", "priority", "short", "kind", "created_at", "id"),
         # Jobs of one key (`sawmill_platform/jobs/queue_limits.py`).
-        Index(
-            "ix_jobs_queued_of_key",
-            "key_id",
-            sqlite_where=text("state = 'queued'"),
-            postgresql_where=text("state = 'queued'"),
-        ),
+        partial_index("ix_jobs_queued_of_key", "state = 'queued'", "key_id"),
     )
 
     kind: Mapped[JobKind]
@@ -216,10 +216,6 @@ class JobDependencyRow(Base):
 REMOVABLE, IN_HISTORY, DECIDED = "class = 'work' AND topic IS NULL", "topic IS NOT NULL", "class = 'decision'"
 
 
-def _where(name: str, condition: str, *columns: str) -> Index:
-    return Index(name, *columns, sqlite_where=text(condition), postgresql_where=text(condition))
-
-
 class EventRow(Base):
     """The ledger: events, written with the change itself; the database refuses to change a decision.
 
@@ -231,10 +227,10 @@ class EventRow(Base):
     __table_args__ = (
         Index(None, "group_id", "number"),
         Index(None, "type", "number"),
-        _where("ix_events_history", IN_HISTORY, "group_id", "at", "number"),
-        _where("ix_events_history_topic", IN_HISTORY, "group_id", "topic", "at", "number"),
-        _where("ix_events_decisions", DECIDED, "number"),
-        _where("ix_events_removable", REMOVABLE, "number"),
+        partial_index("ix_events_history", IN_HISTORY, "group_id", "at", "number"),
+        partial_index("ix_events_history_topic", IN_HISTORY, "group_id", "topic", "at", "number"),
+        partial_index("ix_events_decisions", DECIDED, "number"),
+        partial_index("ix_events_removable", REMOVABLE, "number"),
     )
 
     number: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)

@@ -59,7 +59,7 @@ LAST_BACKUP = "last-backup.json"
 RESTORING = "restoring"
 IDENTITY = "identity"
 _TRIAL_BYTES = 4096
-_SAFE_NAME = re.compile(r"[a-z0-9][a-z0-9-]{0,63}")
+SAFE_NAME = re.compile(r"[a-z0-9][a-z0-9-]{0,63}")
 
 _log = structlog.get_logger()
 
@@ -176,7 +176,14 @@ class FileStore:
             return path
         with one_at_a_time:
             if not path.is_file():
-                self._keep(make(), path)
+                content = make()
+                made = self.receive([content], max_bytes=len(content))
+                try:
+                    made.path.rename(path)
+                except FileNotFoundError:
+                    self.discard(made)
+                    raise NotFound(name.replace(".", "-"), subject_id) from None
+                flush(path.parent)
         return path
 
     def make_attempt_folder(self, job_id: str, attempt: int) -> Path:
@@ -342,7 +349,7 @@ class FileStore:
         UploadTooLarge, StorageFull
             The upload is too large or the disk is full. No file is left, nor if the iterable raises.
         """
-        upload = self._arriving(max_bytes)
+        upload = self._arriving(max_bytes, reserve_bytes=0)
         try:
             with disk_outage_reported("the upload"):
                 for chunk in chunks:
@@ -367,16 +374,7 @@ class FileStore:
         arriving = await asyncio.to_thread(self._arriving, max_bytes, reserve_bytes)
         return await receive_in_threads(arriving, chunks, content or AsSent())
 
-    def _keep(self, content: bytes, path: Path) -> None:
-        made = self.receive([content], max_bytes=len(content))
-        try:
-            made.path.rename(path)
-        except FileNotFoundError:
-            self.discard(made)
-            raise NotFound(path.name.replace(".", "-"), path.parent.name) from None
-        flush(path.parent)
-
-    def _arriving(self, max_bytes: int, reserve_bytes: int = 0) -> Arriving:
+    def _arriving(self, max_bytes: int, reserve_bytes: int) -> Arriving:
         return Arriving(self.folder / "incoming" / uuid4().hex, max_bytes=max_bytes, reserve_bytes=reserve_bytes)
 
 
@@ -475,6 +473,6 @@ def flush_tree(folder: Path) -> None:
 
 def _checked(identifier: str) -> str:
     """Return a name, or raise `NotFound` if it could lead out of a folder."""
-    if not _SAFE_NAME.fullmatch(identifier):
+    if not SAFE_NAME.fullmatch(identifier):
         raise NotFound("file", identifier)
     return identifier

@@ -134,7 +134,6 @@ def _below(folder: Path, path: str) -> Iterator[str]:
 
 NAMES_A_ROUND = 500
 _TEMPORARY_NAME = re.compile(r"[0-9a-f]{32}")
-_SUBJECT_NAME = re.compile(r"[a-z0-9][a-z0-9-]{0,63}")
 # Name of an attempt: a job and a number; the first versions had no third part.
 _ATTEMPT_NAME = re.compile(r"([a-z0-9][a-z0-9-]*?)-(\d+)(?:-[0-9a-f]{32})?")
 
@@ -244,7 +243,7 @@ def _places(folder: Path, named: Iterable[NamedFolder], now: Clock) -> list[_Pla
     return [
         *(_Place(folder / name, _TEMPORARY_NAME, lambda _, __: set()) for name in ("incoming", "removed")),
         _Place(folder / "attempts", _ATTEMPT_NAME, _running_attempts),
-        *(_Place(folder / each.path, _SUBJECT_NAME, _among(each, now)) for each in (*OF_THE_SERVICE, *named)),
+        *(_Place(folder / each.path, file_store.SAFE_NAME, _among(each, now)) for each in (*OF_THE_SERVICE, *named)),
     ]
 
 

@@ -93,14 +93,14 @@ def flush_names(folder: Path) -> None:
             raise
 
 
-def open_regular(path: Path) -> io.BufferedReader:
-    """Open a regular file to read: no link is followed and no pipe waited for."""
-    file = open(path, "rb", opener=_without_following)  # noqa: SIM115 - the caller's; Path has no opener
+def open_regular(path: Path | str, within: int | None = None) -> io.BufferedReader:
+    """Open a regular file to read, in an open folder if given: no link is followed and no pipe waited for."""
+
+    def without_following(name: str, flags: int) -> int:
+        return os.open(name, flags | os.O_NOFOLLOW | os.O_NONBLOCK, dir_fd=within)
+
+    file = open(path, "rb", opener=without_following)  # noqa: SIM115 - the caller's; Path has no opener
     if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
         file.close()
         raise OSError(errno.EINVAL, "is no ordinary file", str(path))
     return file
-
-
-def _without_following(path: str, flags: int) -> int:
-    return os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK)

@@ -169,7 +169,7 @@ class Jobs:
         if identity is not None:
             self._files.check_writable()
         now = self._database.now()
-        ready = _claimable(now, selection).with_only_columns(JobRow.id).order_by(JobRow.created_at, JobRow.id).limit(1)
+        ready = _claimable(now, selection).order_by(JobRow.created_at, JobRow.id).limit(1)
         taken = (
             update(JobRow)
             .where(QUEUED, database_expects(identity))
@@ -377,7 +377,8 @@ class Jobs:
             row = session.scalar(select(JobRow).where(_silent(pulse)).with_for_update())
             if row is None:
                 return None
-            self._fail(session, row, _worker_lost(row), retries)
+            lost = f"attempt {row.attempt} ended unanswered: its worker {row.worker!r} stopped or lost its connection"
+            self._fail(session, row, Failure(kind=FailureKind.PASSING, code="worker-lost", detail=lost), retries)
             session.flush()
             return read_job(row)
 
@@ -389,11 +390,11 @@ class Jobs:
         # An expression instead of the column, by which SQLite would find the rows and then sort all of them.
         ready = _claimable(since, Selection(short=short)).where(func.coalesce(JobRow.created_at, since) <= since)
         with self._database.read() as session:
-            return session.scalars(ready.with_only_columns(JobRow.id).order_by(*FIRST_COME).limit(limit)).all()
+            return session.scalars(ready.order_by(*FIRST_COME).limit(limit)).all()
 
     def could_start(self, selection: Selection) -> bool:
         """Return whether a job of a selection waits that could start now."""
-        ready = _claimable(self._database.now(), selection).with_only_columns(JobRow.id).limit(1)
+        ready = _claimable(self._database.now(), selection).limit(1)
         with self._database.read() as session:
             return session.scalar(ready) is not None
 
@@ -406,7 +407,7 @@ class Jobs:
         """Return whether a short job could start now and long jobs keep this number of workers busy."""
         foreground = JobRow.priority < Priority.BACKGROUND  # background jobs give way, or have time
         long = select(func.count()).where(JobRow.state == JobState.RUNNING, ~JobRow.short, foreground)
-        waiting = _claimable(self._database.now(), Selection(short=True)).where(foreground).with_only_columns(JobRow.id)
+        waiting = _claimable(self._database.now(), Selection(short=True)).where(foreground)
         with self._database.read() as session:
             return (session.scalar(long) or 0) >= workers and session.scalar(waiting.limit(1)) is not None
 
@@ -415,7 +416,7 @@ class Jobs:
         others = JobRow.priority < Priority.BACKGROUND
         # A worker that took a long job now may take a short one next.
         takes = replace(claim.selection, short=claim.selection.short or None)
-        other = _claimable(self._database.now(), takes).with_only_columns(JobRow.id).where(others).limit(1)
+        other = _claimable(self._database.now(), takes).where(others).limit(1)
         itself = select(JobRow.id).where(_held_by(claim), ~others)
         with self._database.read() as session:
             return session.scalar(other) is not None and session.scalar(itself) is not None
@@ -424,7 +425,7 @@ class Jobs:
         """Return queued jobs that needed this one and could start now."""
         needs_it = JobRow.id.in_(select(JobDependencyRow.job_id).where(JobDependencyRow.needs_job_id == job_id))
         with self._database.read() as session:
-            return session.scalars(_claimable(self._database.now()).with_only_columns(JobRow.id).where(needs_it)).all()
+            return session.scalars(_claimable(self._database.now()).where(needs_it)).all()
 
     @contextmanager
     def _ending(self) -> Iterator[Session]:
@@ -486,14 +487,14 @@ class Jobs:
         return event
 
 
-def _claimable(at: datetime, selection: Selection = ANY) -> Select[JobRow]:
-    """Select the jobs of a selection that could start at a time."""
+def _claimable(at: datetime, selection: Selection = ANY) -> Select[str]:
+    """Select the ids of the jobs of a selection that could start at a time."""
     needed = aliased(JobRow)
     unfinished = exists().where(
         JobDependencyRow.job_id == JobRow.id, needed.id == JobDependencyRow.needs_job_id, needed.state.not_in(ENDED)
     )
     due = or_(JobRow.not_before_s.is_(None), JobRow.not_before_s <= at.timestamp())
-    return select(JobRow).where(QUEUED, due, ~unfinished, *selection.conditions())
+    return select(JobRow.id).where(QUEUED, due, ~unfinished, *selection.conditions())
 
 
 def _wrote(path: Path) -> ColumnElement[bool]:
@@ -534,14 +535,6 @@ def _wait(row: JobRow, now: datetime, failure: Json, first_wait_s: float, time: 
     wait_s = min(first_wait_s * 2.0 ** min(time - 1, 30), LONGEST_WAIT_S)
     row.not_before_s = now.timestamp() + wait_s * random.uniform(1.0 - _JITTER, 1.0 + _JITTER)  # noqa: S311
     row.waiting_for = failure
-
-
-def _worker_lost(row: JobRow) -> Failure:
-    return Failure(
-        kind=FailureKind.PASSING,
-        code="worker-lost",
-        detail=f"attempt {row.attempt} ended unanswered: its worker {row.worker!r} stopped or lost its connection",
-    )
 
 
 def read_job(row: JobRow, estimate: WaitEstimate = NOTHING_KNOWN) -> Job:

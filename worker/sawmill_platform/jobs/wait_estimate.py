@@ -149,7 +149,7 @@ class WaitEstimates:
         estimates = {row.id: WaitEstimate(None, _rounded(_remaining_s(row, durations, now))) for row in running}
         if queued:
             at_work = _at_work(session)
-            for job_id, before in _before(session, list(queued.values())).items():
+            for job_id, before in _before(session, queued.values()).items():
                 row = queued[job_id]
                 wait_s = _wait_s(row, before, at_work, durations, now)
                 estimates[job_id] = WaitEstimate(before.total(), _rounded(_sum([wait_s, durations.get(_line(row))])))
@@ -185,20 +185,16 @@ def _at_work(session: Session) -> Sequence[JobRow]:
     return session.scalars(select(JobRow).where(JobRow.state == JobState.RUNNING)).all()
 
 
-def _before(session: Session, rows: Iterable[JobRow]) -> dict[str, Counter[Line]]:
+def _before(session: Session, rows: Collection[JobRow]) -> dict[str, Counter[Line]]:
     """Count the jobs that each queued job waits for: long jobs for all before them, short ones for short ones."""
-    short = {row.id for row in rows if row.short}
-    long = {row.id for row in rows if not row.short}
-    return _before_in(session, Selection(short=True), short) | _before_in(session, ANY, long)
-
-
-def _before_in(session: Session, selection: Selection, job_ids: Collection[str]) -> dict[str, Counter[Line]]:
     before: dict[str, Counter[Line]] = {}
-    counts: Counter[tuple[str, bool]] = Counter()
-    for place in places(session, selection) if job_ids else ():
-        if place.job_id in job_ids:
-            before[place.job_id] = Counter({Line(JobKind.of(kind), short): n for (kind, short), n in counts.items()})
-        counts[place.kind, place.short] += 1
+    for selection, short in ((Selection(short=True), True), (ANY, False)):
+        job_ids = {row.id for row in rows if row.short is short}
+        counts: Counter[Line] = Counter()
+        for place in places(session, selection) if job_ids else ():
+            if place.job_id in job_ids:
+                before[place.job_id] = counts.copy()
+            counts[Line(JobKind.of(place.kind), place.short)] += 1
     return before
 
 

@@ -17,7 +17,7 @@ from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.base import Page
 from sawmill_platform.contracts.event_kinds import EventType
 from sawmill_platform.contracts.keys import Key, KeyRequest, NewKey
-from sawmill_platform.database.database import Database
+from sawmill_platform.database.database import StorePart
 from sawmill_platform.database.paging import found, new_id, read_page
 from sawmill_platform.database.tables import Json, KeyRow, SessionRow
 from sawmill_platform.errors import Conflict, Invalid
@@ -35,11 +35,8 @@ def hash_of(secret: str) -> str:
     return hashlib.sha256(secret.encode()).hexdigest()
 
 
-class KeyStore:
-    """Store of keys; every method is one transaction."""
-
-    def __init__(self, database: Database) -> None:
-        self._database = database
+class KeyStore(StorePart):
+    """Store of keys."""
 
     def create(self, ask: KeyRequest) -> NewKey:
         """Make a key.
@@ -127,16 +124,13 @@ class KeyStore:
     def any_good(self) -> bool:
         """Return whether there is a valid key."""
         with self._database.read() as session:
-            return _any_good(session, self._database.now())
+            rows = session.scalars(select(KeyRow).where(KeyRow.revoked_at.is_(None)))
+            return any(_is_good(row, self._database.now()) for row in rows)
 
 
 def _announce(session: Session, now: datetime, what: EventType, key_id: str, decided: Json) -> None:
     """Announce no more than the id to followers, who need not be administrators."""
     announce(session, now, what, "key", key_id, decided=decided)
-
-
-def _any_good(session: Session, now: datetime) -> bool:
-    return any(_is_good(row, now) for row in session.scalars(select(KeyRow).where(KeyRow.revoked_at.is_(None))))
 
 
 def opened_by(secret_hash: str | QueryableAttribute[str], now: datetime) -> ColumnElement[bool]:
@@ -177,11 +171,8 @@ class BrowserSession:
     expires_at: datetime | None  # end of the session unless it is renewed; None: the session ends with its key or token
 
 
-class Sessions:
-    """Store of sessions; every method is one transaction."""
-
-    def __init__(self, database: Database) -> None:
-        self._database = database
+class Sessions(StorePart):
+    """Store of sessions."""
 
     def open(self, opened_by_hash: str, *, lasting: bool, in_place_of: str = "") -> str:
         """Log the actor in, and remove the sessions that have ended.

@@ -14,7 +14,7 @@ from sqlalchemy.dialects.postgresql import insert as insert_on_postgresql
 from sqlalchemy.dialects.sqlite import insert as insert_on_sqlite
 from sqlalchemy.orm import Session
 
-from sawmill_platform.database.database import Database
+from sawmill_platform.database.database import StorePart
 from sawmill_platform.database.tables import RepeatRow
 from sawmill_platform.errors import Invalid
 
@@ -63,11 +63,8 @@ class KeptRequest:
         )
 
 
-class Repeats:
-    """Store of answers; every method is one transaction."""
-
-    def __init__(self, database: Database) -> None:
-        self._database = database
+class Repeats(StorePart):
+    """Store of answers."""
 
     def once(
         self, request: KeyedRequest, make: Callable[[], Made], kept_as: Callable[[Made], KeptAnswer]

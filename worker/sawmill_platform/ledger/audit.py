@@ -9,7 +9,7 @@ from sqlalchemy import Select, func, select, text
 from sawmill_platform.contracts.audit import AuditEntry
 from sawmill_platform.contracts.base import Page
 from sawmill_platform.contracts.event_kinds import EventType
-from sawmill_platform.database.database import Database
+from sawmill_platform.database.database import StorePart
 from sawmill_platform.database.paging import read_numbered_page
 from sawmill_platform.database.tables import DECIDED, EventRow
 
@@ -24,11 +24,8 @@ def changed(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, An
     return {name: [before.get(name), after.get(name)] for name in names if before.get(name) != after.get(name)}
 
 
-class Audit:
+class Audit(StorePart):
     """Entries of the audit; no method changes an entry."""
-
-    def __init__(self, database: Database) -> None:
-        self._database = database
 
     def page(
         self,

@@ -17,7 +17,7 @@ from sawmill_platform.contracts.event_kinds import JOB_ENDS, EventType
 from sawmill_platform.contracts.events import Event
 from sawmill_platform.contracts.kind_declarations import declaration_of
 from sawmill_platform.database import clock
-from sawmill_platform.database.database import AFTER_COMMIT, Database
+from sawmill_platform.database.database import AFTER_COMMIT, StorePart
 from sawmill_platform.database.paging import found
 from sawmill_platform.database.tables import EventClass, EventRow, JobRow, Json
 from sawmill_platform.ledger.event_reader import EventReader, published
@@ -188,11 +188,8 @@ class JobNumbers(NamedTuple):
     end: int | None
 
 
-class Events:
-    """Store of events; every method is one transaction."""
-
-    def __init__(self, database: Database) -> None:
-        self._database = database
+class Events(StorePart):
+    """Store of events."""
 
     def of_job(self, job_id: str) -> list[Event]:
         """Return the events of a job's attempts, the oldest first, or raise `NotFound`."""

@@ -133,7 +133,16 @@ class UploadPart:
             with self._open():
                 piece = os.pread(self._file, _PIECE_BYTES, begin)
             computed.update(piece)
-        self._complete(computed.hexdigest())
+        sha256 = computed.hexdigest()
+        if self.upload.sha256 not in {None, sha256}:
+            with self._database.write() as session:
+                session.execute(delete(UploadRow).where(UploadRow.id == self._id))
+                announce_deleted(session, self._database.now(), self._id, "the file that came has another sha256")
+            self._path.unlink(missing_ok=True)
+            raise Damaged(f"the file that came has the sha256 {sha256}, not {self.upload.sha256}: send it again")
+        with self._database.write() as session:
+            now = self._change(session, sha256=sha256, state=UploadState.COMPLETE)
+            announce(session, now, event_kinds.UPLOAD_COMPLETE, "upload", self._id)
 
     def close(self) -> None:
         """Release the file for other writers."""
@@ -155,17 +164,6 @@ class UploadPart:
             if not self._committed:
                 flush(self._path.parent)
         self._flushed, self._flushed_s = self._written, time.monotonic()
-
-    def _complete(self, sha256: str) -> None:
-        if self.upload.sha256 not in {None, sha256}:
-            with self._database.write() as session:
-                session.execute(delete(UploadRow).where(UploadRow.id == self._id))
-                announce_deleted(session, self._database.now(), self._id, "the file that came has another sha256")
-            self._path.unlink(missing_ok=True)
-            raise Damaged(f"the file that came has the sha256 {sha256}, not {self.upload.sha256}: send it again")
-        with self._database.write() as session:
-            now = self._change(session, sha256=sha256, state=UploadState.COMPLETE)
-            announce(session, now, event_kinds.UPLOAD_COMPLETE, "upload", self._id)
 
     def _change(self, session: Session, **values: object) -> datetime:
         """Change the row if it is as this part knows it, and return the time of the change; raise if it is gone."""

@@ -23,7 +23,7 @@ from sawmill_platform.contracts.webhooks import (
     WebhookTest,
     kinds_of,
 )
-from sawmill_platform.database.database import Database
+from sawmill_platform.database.database import StorePart
 from sawmill_platform.database.paging import Check, accept_any, found, new_id, read_numbered_page, read_page
 from sawmill_platform.database.tables import DeliveryRow, EventRow, WebhookRow
 from sawmill_platform.errors import Conflict
@@ -54,11 +54,8 @@ def wanted_by(row: WebhookRow) -> ColumnElement[bool]:
     return behind if "*" in row.events else behind & EventRow.type.in_(sorted(kinds_of(row.events)))
 
 
-class WebhookStore:
-    """Store of webhooks; every method is one transaction."""
-
-    def __init__(self, database: Database) -> None:
-        self._database = database
+class WebhookStore(StorePart):
+    """Store of webhooks."""
 
     def create(self, ask: WebhookRequest, *, webhook_id: str | None = None) -> NewWebhook:
         """Add a webhook.
@@ -198,18 +195,16 @@ def _new_secret() -> str:
     return PREFIX + b64encode(secrets.token_bytes(RANDOM_BYTES)).decode()
 
 
-def _state(row: WebhookRow) -> WebhookState:
-    if not row.enabled:
-        return WebhookState.PAUSED if row.paused else WebhookState.DISABLED
-    return WebhookState.RETRYING if row.failures else WebhookState.ACTIVE
-
-
 def read_webhook(session: Session, row: WebhookRow) -> Webhook:
     """Return the webhook of a row in its present state, with its waiting events counted."""
     oldest = session.scalar(select(EventRow.at).where(wanted_by(row)).order_by(EventRow.number).limit(1))
     some = select(EventRow.number).where(wanted_by(row)).limit(COUNTED).subquery()
     waiting = session.scalar(select(func.count()).select_from(some))
-    return Webhook.of_row(row, state=_state(row), waiting=waiting, waiting_since=oldest)
+    if row.enabled:
+        state = WebhookState.RETRYING if row.failures else WebhookState.ACTIVE
+    else:
+        state = WebhookState.PAUSED if row.paused else WebhookState.DISABLED
+    return Webhook.of_row(row, state=state, waiting=waiting, waiting_since=oldest)
 
 
 def _with_secret(session: Session, row: WebhookRow) -> NewWebhook:

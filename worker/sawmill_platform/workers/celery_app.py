@@ -5,12 +5,14 @@ repeating it does no harm. A worker serves both lanes, one after the other as me
 `-Q sawmill-short` serves short jobs alone, so that these do not wait for a long job.
 """
 
+import os
 import queue
 import signal
 import sys
 import threading
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import partial
 from types import FrameType
 from typing import Any
@@ -24,7 +26,8 @@ from redis.exceptions import RedisError
 
 from sawmill_platform.attempts.process import AttemptNotStarted
 from sawmill_platform.attempts.runner import Runner
-from sawmill_platform.confinement.confinement import Surroundings, say_if_unconfined
+from sawmill_platform.confinement import landlock
+from sawmill_platform.confinement.confinement import say_if_unconfined
 from sawmill_platform.errors import StorageError, StorageFull, StorageUnavailable
 from sawmill_platform.job_service_store import JobServiceStore
 from sawmill_platform.jobs.wait_estimate import Selection
@@ -158,21 +161,21 @@ class Waker:
                 structlog.get_logger().exception("wake-up-not-sent", job_id=job_id)
 
 
+@dataclass(eq=False)
 class CeleryWorker:
     """A Celery worker process while it runs."""
 
-    def __init__(
-        self, app: Celery, settings: ExecutionSettings, storage: StorageSettings, program: WorkerProgram[Any]
-    ) -> None:
-        self._app = app
-        self._program = program
-        self._settings = settings
-        self._storage = storage
+    app: Celery
+    settings: ExecutionSettings
+    storage: StorageSettings
+    program: WorkerProgram[Any]
+
+    def __post_init__(self) -> None:
         self._stop = threading.Event()
 
     def start(self, sender: WorkController, **_: Any) -> None:  # noqa: ANN401 - Celery's signal arguments
         """Open the store and start everything that runs beside the jobs; raise `SystemExit` if that is impossible."""
-        configure_logs(self._settings.log_format)
+        configure_logs(self.settings.log_format)
         pool = str(sender.pool_cls)
         if "prefork" in pool:
             raise SystemExit("use the threads or the solo pool: each job has a process of its own already")
@@ -181,42 +184,39 @@ class CeleryWorker:
         sender.options |= {"without_heartbeat": True, "without_gossip": True, "without_mingle": True}
         # As many jobs as Celery runs at once, whatever `--concurrency` says.
         slots = 1 if "solo" in pool else int(sender.concurrency)
-        self._settings = self._settings.model_copy(update={"workers": slots})
-        say_if_crowded(self._settings)
-        say_if_unconfined(self._settings, Surroundings.here())
+        self.settings = self.settings.model_copy(update={"workers": slots})
+        say_if_crowded(self.settings)
+        say_if_unconfined(self.settings, os.geteuid(), landlock.version())
         # Celery handles signals later, and the first process of a container receives no signal that it does not handle.
         before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
         try:
-            store: JobServiceStore | None = open_store(partial(self._program.open_store, self._storage), self._stop)
+            store: JobServiceStore | None = open_store(partial(self.program.open_store, self.storage), self._stop)
         except (StorageError, OSError) as error:  # Celery would log the error and continue without a store
             raise SystemExit(f"this worker cannot start: {error}") from error
         finally:
             signal.signal(signal.SIGTERM, before)
         assert store is not None  # noqa: S101 - nothing has set `stop` yet
         self._store = store
-        self._wake = Waker(self._app, self._store.jobs.is_short)
-        attempts = self._program.attempts(self._store, self._settings)
-        self._runner = Runner(self._store, self._settings, self._stop, attempts=attempts, on_ended=self._wake_waiting)
+        self._wake = Waker(self.app, self._store.jobs.is_short)
+        attempts = self.program.attempts(self._store, self.settings)
+        self._runner = Runner(self._store, self.settings, self._stop, attempts=attempts, on_ended=self._wake_waiting)
         self._runner.warm_up()
-        self._housekeeping = self._program.housekeeping(self._store, self._settings, self._stop)
+        self._housekeeping = self.program.housekeeping(self._store, self.settings, self._stop)
         self._housekeeping.start()
         self._wake.start()
         # Apart from the housekeeping, which continues whatever Redis does.
-        sweep = (self._stop, self._store, self._app, self._settings, self._wake)
+        sweep = (self._stop, self._store, self.app, self.settings, self._wake)
         threading.Thread(target=sweep_until, args=sweep, name="sweep", daemon=True).start()
 
     def stop_on_signals(self, **_: Any) -> None:  # noqa: ANN401
         """Return jobs to the queue from the first signal on: in a cold shutdown Celery reports it after waiting."""
         for number in (signal.SIGTERM, signal.SIGQUIT):
-            signal.signal(number, self._stopping_before(signal.getsignal(number)))
+            signal.signal(number, partial(self._stop_and_handle, signal.getsignal(number)))
 
-    def _stopping_before(self, handler: Any) -> Callable[[int, FrameType | None], None]:  # noqa: ANN401
-        def stop_and_handle(number: int, frame: FrameType | None) -> None:
-            if not self._stop.is_set():  # the interrupted thread may be setting the event
-                self._stop.set()
-            handler(number, frame)
-
-        return stop_and_handle
+    def _stop_and_handle(self, handler: Any, number: int, frame: FrameType | None) -> None:  # noqa: ANN401
+        if not self._stop.is_set():  # the interrupted thread may be setting the event
+            self._stop.set()
+        handler(number, frame)
 
     def stop(self, **_: Any) -> None:  # noqa: ANN401
         """Return running jobs to the queue."""
@@ -270,11 +270,9 @@ def _sweep(store: JobServiceStore, app: Celery, settings: ExecutionSettings, wak
     """Send the wake-ups of waiting jobs again if no message of their lane is on its way: they cannot pile up."""
     for short, name in _LANES.items():
         lost = store.jobs.queued_job_ids(older_than_s=settings.sweep_s, short=short, limit=_MOST_WAITING // len(_LANES))
-        if lost and _messages_waiting(app, name) == 0:
-            for job_id in lost:
-                wake(job_id)
-
-
-def _messages_waiting(app: Celery, name: str) -> int:
-    with app.connection_for_write() as connection:
-        return int(connection.default_channel.queue_declare(queue=name, durable=True).message_count)
+        if lost:
+            with app.connection_for_write() as connection:
+                on_the_way = connection.default_channel.queue_declare(queue=name, durable=True).message_count
+            if on_the_way == 0:
+                for job_id in lost:
+                    wake(job_id)

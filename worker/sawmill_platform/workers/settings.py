@@ -228,10 +228,6 @@ class WrongVariableError(Exception):
     """A variable of the environment that cannot be used; the sentence names it."""
 
 
-class UnknownVariableError(WrongVariableError):
-    """A variable named like a setting that does not exist."""
-
-
 @contextmanager
 def variables_checked() -> Iterator[None]:
     """Check the variables for the block in which settings are read.
@@ -254,7 +250,7 @@ def check_variables(environment: Mapping[str, str] = os.environ) -> None:
     """Refuse a misspelt setting, which would otherwise leave the default in force without notice."""
     unknown = sorted(name for name in environment if name.upper().startswith(PREFIX) and name.upper() not in KNOWN)
     if unknown:
-        raise UnknownVariableError(_sentence(unknown[0]))
+        raise WrongVariableError(_sentence(unknown[0]))
 
 
 def _sentence(name: str) -> str:

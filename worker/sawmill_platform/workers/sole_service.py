@@ -12,7 +12,6 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
 from typing import Self, TextIO
 
 import structlog
@@ -71,7 +70,14 @@ def serving_process(settings: StorageSettings) -> str | None:
     OSError
         The lock cannot be read.
     """
-    return holder_of(settings.data_folder / LOCK) if settings.is_one_file else None
+    if not settings.is_one_file:
+        return None
+    try:
+        with (settings.data_folder / LOCK).open() as lock:
+            kind, *_ = struct.unpack(_FLOCK, fcntl.fcntl(lock, fcntl.F_OFD_GETLK, _WHOLE_FILE))
+            return None if kind == fcntl.F_UNLCK else _holder(lock)
+    except FileNotFoundError:
+        return None
 
 
 def _served(settings: StorageSettings, process: str) -> StorageMisconfigured:
@@ -114,16 +120,6 @@ def kernel_lock(path: Path) -> Iterator[TextIO]:
         yield lock
 
 
-def holder_of(path: Path) -> str | None:
-    """Return the id of the process that holds a lock, without taking the lock; None: no process holds it."""
-    try:
-        with path.open() as lock:
-            kind, *_ = struct.unpack(_FLOCK, fcntl.fcntl(lock, fcntl.F_OFD_GETLK, _WHOLE_FILE))
-            return None if kind == fcntl.F_UNLCK else _holder(lock)
-    except FileNotFoundError:
-        return None
-
-
 def _holder(lock: TextIO) -> str:
     lock.seek(0)
     # Empty for a moment, between the lock and the writing.
@@ -162,7 +158,8 @@ class ClockKeeper:
         self._lasting_s = lasting_s
         self._look_s = look_s
         self._stop = threading.Event()
-        self._step = _Step(monotonic)
+        self._monotonic = monotonic
+        self._off_s, self._off_since_s = 0.0, monotonic()
         self._thread = threading.Thread(target=self._watch, name="clock", daemon=True)
 
     def __enter__(self) -> Self:
@@ -170,41 +167,26 @@ class ClockKeeper:
             self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._stop.set()
         if self._thread.is_alive():
             self._thread.join()
 
     def _watch(self) -> None:
-        first = True
+        lasting_s = 0.0  # an offset of the service's clock at its start counts at once
         while not self._stop.is_set():
             try:
-                # An offset of the service's clock at its start counts at once.
-                self.look(lasting_s=0.0 if first else self._lasting_s)
+                self.look(lasting_s=lasting_s)
             except (StorageError, OSError) as error:
                 structlog.get_logger().warning("clock-not-kept", reason=str(error))
-            first = False
+            lasting_s = self._lasting_s
             self._stop.wait(self._look_s)
 
     def look(self, *, lasting_s: float) -> None:
         """Compare the clocks, and take a step over that has lasted that long, seconds."""
-        off_s = self._store.clock_off_s()
-        if self._step.lasts_s(off_s) >= lasting_s and abs(off_s) > TOLERABLE_S:
+        off_s, now_s = self._store.clock_off_s(), self._monotonic()
+        if abs(off_s - self._off_s) > TOLERABLE_S:
+            self._off_s, self._off_since_s = off_s, now_s
+        if now_s - self._off_since_s >= lasting_s and abs(off_s) > TOLERABLE_S:
             self._store.events.step_clock(process_name(), off_s)
             structlog.get_logger().warning("clock-stepped", off_s=round(off_s, 1))
-
-
-class _Step:
-    """Time for which a clock has been off by the same amount."""
-
-    def __init__(self, monotonic: Callable[[], float]) -> None:
-        self._monotonic = monotonic
-        self._off_s, self._since = 0.0, monotonic()
-
-    def lasts_s(self, off_s: float) -> float:
-        now = self._monotonic()
-        if abs(off_s - self._off_s) > TOLERABLE_S:
-            self._off_s, self._since = off_s, now
-        return now - self._since

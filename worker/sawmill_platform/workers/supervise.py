@@ -1,17 +1,18 @@
 """Embedded worker processes for a service on one machine: start, supervision and restart."""
 
+import os
 import socket
 import subprocess
 import threading
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from types import TracebackType
 from typing import Self
 
 import structlog
 
-from sawmill_platform.confinement.confinement import Surroundings, say_if_unconfined
+from sawmill_platform.confinement import landlock
+from sawmill_platform.confinement.confinement import say_if_unconfined
 from sawmill_platform.errors import StorageUnavailable
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.workers.logs import going_on
@@ -69,15 +70,13 @@ class WorkerSupervisor:
 
     def __enter__(self) -> Self:
         say_if_crowded(self._settings)
-        say_if_unconfined(self._settings, Surroundings.here())
+        say_if_unconfined(self._settings, os.geteuid(), landlock.version())
         for worker in self._general:
             worker.start()
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._stop.set()
         self._thread.join()
         for worker in self._workers:
@@ -91,11 +90,6 @@ class WorkerSupervisor:
         self._look_at = 0.0
         for worker in self._workers:
             worker.wake()
-
-    @property
-    def process_ids(self) -> list[int]:
-        """Ids of the worker processes that run at the moment."""
-        return [worker.process.pid for worker in self._workers if worker.process and worker.is_running]
 
     def _watch(self) -> None:
         while not self._stop.wait(_LOOK_S):

@@ -218,14 +218,11 @@ def _counted(row: MeasurementRow, since: datetime) -> CountedLook:
     return CountedLook(row.at, (row.at - since).total_seconds() / _DAY_S, row.calibrated, change)
 
 
-def _newest_look(session: Session, chart: DriftChartRow) -> MeasurementRow:
-    charted = _looks(chart.activation_number, chart.method).where(MeasurementRow.pooled_checks.is_not(None))
-    return session.scalars(charted.order_by(MeasurementRow.number.desc()).limit(1)).one()
-
-
 def read_chart(session: Session, chart: DriftChartRow) -> PooledDrift:
     """Read the finding of a chart since its activation."""
-    activation, newest = session.get_one(ActivationRow, chart.activation_number), _newest_look(session, chart)
+    activation = session.get_one(ActivationRow, chart.activation_number)
+    charted = _looks(chart.activation_number, chart.method).where(MeasurementRow.pooled_checks.is_not(None))
+    newest = session.scalars(charted.order_by(MeasurementRow.number.desc()).limit(1)).one()
     pooled = {name: getattr(newest, name) for name in PooledDrift.model_fields if name.startswith("pooled_")}
     zero = None if chart.baseline is None else KnownBaseline.model_validate(chart.baseline)
     column, tilt = newest.calibrated

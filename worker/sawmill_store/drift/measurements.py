@@ -14,7 +14,7 @@ from sawmill_contracts.measurements import Measurement, MeasurementKind, Movemen
 from sawmill_mill.scanner_state import DriftCheck, counts_for_chart
 from sawmill_mill.two_questions import TwoQuestions
 from sawmill_platform.contracts.base import Contract, Page
-from sawmill_platform.database.database import Database
+from sawmill_platform.database.database import StorePart
 from sawmill_platform.database.paging import found, read_numbered_page
 from sawmill_platform.database.tables import UtcDateTime
 from sawmill_store.activations import active_since
@@ -26,11 +26,8 @@ _COLUMNS = [getattr(MeasurementRow, name) for name in Movement._fields]
 _MOVEMENTS = select(*_COLUMNS).order_by(MeasurementRow.at, MeasurementRow.number)
 
 
-class Measurements:
-    """Store of measurements: every method is one transaction."""
-
-    def __init__(self, database: Database) -> None:
-        self._database = database
+class Measurements(StorePart):
+    """Store of measurements."""
 
     def page(
         self, scanner_id: str, *, since: datetime | None = None, after: str | None = None, limit: int = 50

@@ -24,13 +24,14 @@ from sawmill_platform.errors import Invalid
 from sawmill_platform.jobs.queue_limits import Places, queue_job
 from sawmill_store import mill_tables
 from sawmill_store.mill_files import MillFiles
+from sawmill_store.queuing import QueuingPart
 from sawmill_store.requests.references import found_asked, looked_up, read_asked
 
 NOTHING: Mapping[str, str] = MappingProxyType({})
 
 
-class Asked(Generic[Ask, Answer]):
-    """Store of the requests of one kind: every method is one transaction.
+class Asked(QueuingPart, Generic[Ask, Answer]):
+    """Store of the requests of one kind.
 
     Parameters
     ----------
@@ -41,9 +42,7 @@ class Asked(Generic[Ask, Answer]):
     """
 
     def __init__(self, database: Database, files: MillFiles, places: Places, declared: AskedKind[Ask, Answer]) -> None:
-        self._database = database
-        self.files = files
-        self._places = places
+        super().__init__(database, files, places)
         self._declared = declared
 
     def accept(
@@ -162,15 +161,12 @@ class Asked(Generic[Ask, Answer]):
         return read_asked(self._declared, row)
 
 
-def _rows(declared: AskedKind[Any, Any], *states: JobState | None) -> Select[Any]:
-    """Select the rows of a kind, in any state or in one of the given states; jobs are joined only where needed."""
-    table, given_states = mill_tables.table_of(declared.kind), [state for state in states if state is not None]
-    statement = select(table)
-    if given_states or declared.kind not in mill_tables.OWN_TABLES:
-        statement = statement.join(table.job)
-    if declared.kind not in mill_tables.OWN_TABLES:
-        statement = statement.where(JobRow.kind == declared.kind)
-    return statement.where(JobRow.state.in_(given_states)) if given_states else statement
+def _rows(declared: AskedKind[Any, Any], state: JobState | None = None) -> Select[Any]:
+    """Select the rows of a kind, in any state or in one; jobs are joined only where needed."""
+    table = mill_tables.table_of(declared.kind)
+    kind = None if declared.kind in mill_tables.OWN_TABLES else declared.kind
+    statement = select(table) if kind is None and state is None else select(table).join(table.job)
+    return narrowed(statement, {JobRow.kind: kind, JobRow.state: state})
 
 
 def _refuse_beyond_scan(session: Session, row: mill_tables.Answered, ask: Contract) -> None:

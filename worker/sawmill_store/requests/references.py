@@ -40,7 +40,11 @@ def _scanner(session: Session, fields: Json) -> None:
 
 
 def _phantom(session: Session, fields: Json) -> str | None:
-    phantom_id = fields["phantom_id"] or _phantom_of_scan(session, fields["scan_id"])
+    phantom_id = fields["phantom_id"] or found(session, ScanRow, "scan", fields["scan_id"]).phantom_id
+    if phantom_id is None:
+        raise Conflict(
+            "phantom-not-named", f"scan {fields['scan_id']!r} names no phantom: name the one it shows, as phantom_id"
+        )
     phantom = found(session, PhantomRow, "phantom", phantom_id, lock=True)
     check_usable(phantom)
     fields["phantom_id"] = phantom_id
@@ -51,13 +55,6 @@ def check_usable(phantom: PhantomRow) -> None:
     """Raise `Conflict` for a phantom whose picture was refused."""
     if phantom.state is PhantomState.REFUSED:
         raise Conflict("phantom-refused", f"phantom {phantom.id!r} was refused and cannot be used: {phantom.reason}")
-
-
-def _phantom_of_scan(session: Session, scan_id: str) -> str:
-    phantom_id = found(session, ScanRow, "scan", scan_id).phantom_id
-    if phantom_id is None:
-        raise Conflict("phantom-not-named", f"scan {scan_id!r} names no phantom: name the one it shows, as phantom_id")
-    return phantom_id
 
 
 def _calibration(session: Session, fields: Json) -> str | None:

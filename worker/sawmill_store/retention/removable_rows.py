@@ -116,7 +116,9 @@ def _of_scans(session: Session) -> Iterator[ColumnElement[bool]]:
     in_use = select(CalibrationRow.scan_id).where(
         CalibrationRow.id.in_({identifier for row in rows for identifier in row if identifier is not None})
     )
-    kept_ids: set[str | None] = {*session.scalars(in_use), *_newest(session, _newest_log())}
+    logs = select(ScanRow.id).where(ScanRow.scanner_id == ScannerRow.id, ScanRow.phantom_id.is_(None))
+    logs = logs.where(ScanRow.state == ScanState.READY).order_by(ScanRow.created_at.desc(), ScanRow.id.desc())
+    kept_ids: set[str | None] = {*session.scalars(in_use), *_newest(session, logs.limit(1))}
     kept_ids |= _newest_phantom_scans(session)
     kept_ids |= {next_log(session, scanner_id) for scanner_id in _scanners_that_check_drift(session)}
     yield ScanRow.id.in_(kept_ids - {None})
@@ -163,11 +165,6 @@ def _newest(session: Session, of_scanner: Select[Found]) -> set[Found]:
 
 def _newest_phantom_scans(session: Session) -> set[str]:
     return _newest(session, newest_phantom_scan(ScannerRow.id))
-
-
-def _newest_log() -> Select[str]:
-    logs = select(ScanRow.id).where(ScanRow.scanner_id == ScannerRow.id, ScanRow.phantom_id.is_(None))
-    return logs.where(ScanRow.state == ScanState.READY).order_by(ScanRow.created_at.desc(), ScanRow.id.desc()).limit(1)
 
 
 def _scanners_that_check_drift(session: Session) -> list[str]:

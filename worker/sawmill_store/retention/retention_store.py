@@ -20,7 +20,7 @@ from sawmill_contracts.retention import (
     RetentionRules,
 )
 from sawmill_platform.contracts import event_kinds
-from sawmill_platform.database.database import Database, lock_for_setup
+from sawmill_platform.database.database import Database, StorePart, lock_for_setup
 from sawmill_platform.database.paging import Check, accept_any
 from sawmill_platform.errors import Conflict
 from sawmill_platform.files.file_store import FileStore
@@ -39,11 +39,8 @@ EVERY_S = 600.0
 _log = structlog.get_logger()
 
 
-class RetentionStore:
-    """Store of the rules of retention: every method is one transaction; `replace` is two."""
-
-    def __init__(self, database: Database) -> None:
-        self._database = database
+class RetentionStore(StorePart):
+    """Store of the rules of retention; `replace` is two transactions."""
 
     def get(self) -> Retention:
         """Return the rules in force, and the totals that rules have removed so far."""
@@ -67,7 +64,12 @@ class RetentionStore:
         with self._database.read() as session:
             preview = _preview(session, rules, self._database.now())
         if preview.number > ask.remove_at_most:
-            raise _unconfirmed(preview, ask.remove_at_most)
+            removed = ", ".join(f"{kind.number} {kind.kind}" for kind in preview.kinds if kind.number)
+            raise Conflict(
+                "retention-unconfirmed",
+                f"these rules would remove {preview.number} ({removed}), and {ask.remove_at_most} are confirmed: "
+                "nothing was changed",
+            )
         with self._database.write() as session:
             lock_for_setup(session)
             row = session.get(RetentionRow, THE_ROW, with_for_update=True)
@@ -134,14 +136,6 @@ def _preview_of(session: Session, kind: RetentionKind, rows: RemovableRows, days
 
 def _number(session: Session, rows: RemovableRows, which: ColumnElement[bool]) -> int:
     return session.scalar(select(func.count()).select_from(rows.table).where(which)) or 0
-
-
-def _unconfirmed(preview: RetentionPreview, confirmed: int) -> Conflict:
-    removed = ", ".join(f"{kind.number} {kind.kind}" for kind in preview.kinds if kind.number)
-    detail = (
-        f"these rules would remove {preview.number} ({removed}), and {confirmed} are confirmed: nothing was changed"
-    )
-    return Conflict("retention-unconfirmed", detail)
 
 
 class Removal(NamedTuple):

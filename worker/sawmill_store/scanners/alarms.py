@@ -19,7 +19,7 @@ from sawmill_contracts.scans import ScanState
 from sawmill_mill.alarms import AlarmChange, ChartAlarm, ScannerFacts, alarm_changes, alarm_sentence
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.event_kinds import EventType
-from sawmill_platform.database.database import Database
+from sawmill_platform.database.database import StorePart
 from sawmill_platform.database.paging import found
 from sawmill_platform.database.tables import EventRow, JobRow
 from sawmill_platform.errors import Conflict, Invalid, NotFound
@@ -42,11 +42,8 @@ _MEASUREMENTS = TypeAdapter(list[SizeMeasurement])
 _CHART_ALARMS = TypeAdapter(tuple[ChartAlarm, ...])
 
 
-class Alarms:
-    """Store of alarms: every method is one transaction; `check` is one for each scanner whose alarms change."""
-
-    def __init__(self, database: Database) -> None:
-        self._database = database
+class Alarms(StorePart):
+    """Store of alarms; `check` is one transaction for each scanner whose alarms change."""
 
     def open(self, *, scanner_id: str | None = None) -> list[Alarm]:
         """Return the open alarms, of all scanners or of one."""

@@ -14,7 +14,7 @@ from sawmill_contracts.history import HistoryEntry, HistoryKind, HistoryMark
 from sawmill_contracts.measurements import Measurement
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.base import Page
-from sawmill_platform.database.database import Database
+from sawmill_platform.database.database import StorePart
 from sawmill_platform.database.paging import LARGEST_NUMBER, cursor_of, found, parse_cursor
 from sawmill_platform.database.tables import IN_HISTORY, EventClass, EventRow, Resource
 from sawmill_platform.errors import Invalid
@@ -29,14 +29,10 @@ SUBJECTS: dict[str, tuple[type[Resource], str]] = {
     "schedule": (ScheduleRow, "schedules"),
     "scan": (ScanRow, "scans"),
 }
-_Place = tuple[datetime, int]
 
 
-class Histories:
-    """Store of scanners' histories: every method is one transaction."""
-
-    def __init__(self, database: Database) -> None:
-        self._database = database
+class Histories(StorePart):
+    """Store of scanners' histories."""
 
     def page(
         self,
@@ -109,15 +105,14 @@ class Histories:
             return None if row is None else _read(row)
 
     def _batches(self, statement: Select[Any]) -> Iterator[list[HistoryEntry]]:
-        oldest_first, last = statement.order_by(EventRow.at, EventRow.number).limit(_BATCH), None
-        while batch := self._following(oldest_first, last):
+        oldest_first = following = statement.order_by(EventRow.at, EventRow.number).limit(_BATCH)
+        while True:
+            with self._database.read() as session:
+                batch = [_read(row) for row in session.execute(following)]
+            if not batch:
+                return
             yield batch
-            last = (batch[-1].at, batch[-1].number)
-
-    def _following(self, statement: Select[Any], last: _Place | None) -> list[HistoryEntry]:
-        following = statement if last is None else statement.where(tuple_(*last) < _PLACE)
-        with self._database.read() as session:
-            return [_read(row) for row in session.execute(following)]
+            following = oldest_first.where(tuple_(batch[-1].at, batch[-1].number) < _PLACE)
 
 
 # Both columns are compared as one row value, so that an index by time finds the start of a page.

@@ -3,12 +3,12 @@
 from datetime import UTC, datetime
 from typing import Any, NamedTuple
 
-from sqlalchemy import ColumnElement, ScalarSelect, Select, and_, func, or_, select
+from sqlalchemy import ColumnElement, RowMapping, ScalarSelect, Select, and_, func, or_, select
 from sqlalchemy.orm import aliased
 
 from sawmill_contracts.scanners import StoredScanner
 from sawmill_platform.contracts.jobs import JobState
-from sawmill_platform.database.database import Database
+from sawmill_platform.database.database import StorePart
 from sawmill_platform.database.tables import EventRow, JobRow
 from sawmill_store.activations import active_calibration, discards
 from sawmill_store.mill_tables import ActivationRow, CalibrationRow, DriftRow, MeasurementRow, ScannerRow, ScanRow
@@ -40,11 +40,8 @@ class Overview(NamedTuple):
     discarded_at: datetime | None
 
 
-class Overviews:
-    """Store of overviews: every method is one transaction."""
-
-    def __init__(self, database: Database) -> None:
-        self._database = database
+class Overviews(StorePart):
+    """Store of overviews."""
 
     def read(self, *, scanner_id: str | None = None, limit: int = 200) -> list[Overview]:
         """Return the overviews of the newest scanners, or of one scanner."""
@@ -72,7 +69,7 @@ class Overviews:
         if scanner_id is not None:
             newest_first = newest_first.where(ScannerRow.id == scanner_id)
         with self._database.read() as session:
-            return [_read(*row) for row in session.execute(newest_first)]
+            return [_read(row) for row in session.execute(newest_first).mappings()]
 
 
 def _active_calibration() -> ScalarSelect[Any]:
@@ -113,17 +110,7 @@ def _of_scanner(statement: Select[Any], table: Any, order: Any) -> ScalarSelect[
     return mine.order_by(order.desc()).limit(1).correlate(ScannerRow).scalar_subquery()
 
 
-def _read(
-    row: ScannerRow,
-    active_id: str | None,
-    ended_id: str | None,
-    succeeded_id: str | None,
-    red_id: str | None,
-    drift_id: str | None,
-    seen_id: str | None,
-    scan_id: str | None,
-    state: JobState | None,
-    discarded_at: datetime | None,
-) -> Overview:
-    newest = ended_id, succeeded_id, red_id, drift_id, seen_id, scan_id
-    return Overview(scanner_with(row, active_id), *newest, state is not None and not state.ended, discarded_at)
+def _read(row: RowMapping) -> Overview:
+    found = {name: row[name] for name in Overview._fields if name in row}
+    calibrating = row["state"] is not None and not row["state"].ended
+    return Overview(scanner_with(row["ScannerRow"], row["active_id"]), calibrating=calibrating, **found)

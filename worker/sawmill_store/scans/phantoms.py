@@ -8,25 +8,19 @@ from sawmill_contracts import kinds, mill_events, phantoms
 from sawmill_contracts.phantoms import MeasurementsRequest, PhantomDrawing, PhantomPicture, PhantomState, StoredPhantom
 from sawmill_platform.contracts.base import Page
 from sawmill_platform.contracts.jobs import Priority
-from sawmill_platform.database.database import Database, lock_for_setup
+from sawmill_platform.database.database import lock_for_setup
 from sawmill_platform.database.paging import found, new_id, read_page, refuse_taken
 from sawmill_platform.errors import Conflict, Invalid
 from sawmill_platform.files.upload_stream import Received
-from sawmill_platform.jobs.queue_limits import Places, queue_job
 from sawmill_platform.ledger.events import announce
 from sawmill_platform.uploads.upload_store import kept_upload
-from sawmill_store.mill_files import MillFiles
 from sawmill_store.mill_tables import PhantomRow, ScanRow
+from sawmill_store.queuing import QueuingPart
 from sawmill_store.requests.references import check_usable, kept_by
 
 
-class Phantoms:
-    """Store of phantoms: every method is one transaction."""
-
-    def __init__(self, database: Database, files: MillFiles, places: Places) -> None:
-        self._database = database
-        self.files = files
-        self._places = places
+class Phantoms(QueuingPart):
+    """Store of phantoms."""
 
     def seed_built_in(self, drawings: Mapping[str, PhantomDrawing]) -> None:
         """Add or update the built-in phantoms; safe when several processes start together."""
@@ -125,19 +119,7 @@ class Phantoms:
             self._database.write() as session,
         ):
             refuse_taken(session, PhantomRow, "phantom", row.id)
-            job = queue_job(
-                session,
-                kinds.TRACE_PHANTOM,
-                row.id,
-                row.created_at,
-                short=phantoms.DECLARATION.is_short(received.size_bytes),
-                group_id=None,
-                priority=priority,
-            )
-            row.job_id = job.id
-            session.add(row)
-            session.flush()
-            self._places.take(session, job)
+            self._add_with_job(session, row, phantoms.DECLARATION, received, group_id=None, priority=priority)
             keep(session, row.created_at)
         return StoredPhantom.of_row(row)
 

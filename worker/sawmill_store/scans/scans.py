@@ -6,32 +6,25 @@ from datetime import datetime
 from sqlalchemy import func, select
 
 from sawmill_contracts import kinds, mill_events, scans
-from sawmill_contracts.inspections import DECLARATION, Inspection, InspectionOptions, InspectionRequest
+from sawmill_contracts.inspections import Inspection, InspectionOptions, InspectionRequest
 from sawmill_contracts.scans import Scan, ScanSpec, ScanState
 from sawmill_platform.contracts.base import Page
 from sawmill_platform.contracts.jobs import Priority
-from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import created_between, found, narrowed, new_id, read_page, refuse_taken
 from sawmill_platform.errors import Conflict
 from sawmill_platform.files.upload_stream import Received
-from sawmill_platform.jobs.queue_limits import Places, queue_job
 from sawmill_platform.ledger.events import announce
 from sawmill_platform.uploads.upload_store import kept_upload
-from sawmill_store.mill_files import MillFiles
 from sawmill_store.mill_tables import PhantomRow, ScannerRow, ScanRow
+from sawmill_store.queuing import QueuingPart
 from sawmill_store.requests.asked import Asked
 from sawmill_store.requests.references import found_asked, read_asked, unfinished_job_about
 
 _COLUMNS = {"scanner_id", "phantom_id"}
 
 
-class Scans:
-    """Store of scans: every method is one transaction."""
-
-    def __init__(self, database: Database, files: MillFiles, places: Places) -> None:
-        self._database = database
-        self.files = files
-        self._places = places
+class Scans(QueuingPart):
+    """Store of scans."""
 
     def accept(
         self,
@@ -76,19 +69,7 @@ class Scans:
             found(session, ScannerRow, "scanner", spec.scanner_id, lock=True)
             if spec.phantom_id is not None:
                 found(session, PhantomRow, "phantom", spec.phantom_id, lock=True)
-            job = queue_job(
-                session,
-                kinds.INGEST,
-                row.id,
-                row.created_at,
-                short=scans.DECLARATION.is_short(received.size_bytes),
-                group_id=spec.scanner_id,
-                priority=priority,
-            )
-            row.job_id = job.id
-            session.add(row)
-            session.flush()
-            self._places.take(session, job)
+            self._add_with_job(session, row, scans.DECLARATION, received, group_id=spec.scanner_id, priority=priority)
             keep(session, row.created_at)
         return read_scan(row)
 
@@ -174,10 +155,7 @@ def read_scan(row: ScanRow) -> Scan:
 
 
 class Inspections(Asked[InspectionRequest, Inspection]):
-    """Store of inspections and of the inspected files: every method is one transaction."""
-
-    def __init__(self, database: Database, files: MillFiles, places: Places) -> None:
-        super().__init__(database, files, places, DECLARATION)
+    """Store of inspections and of the inspected files."""
 
     def accept_file(
         self,

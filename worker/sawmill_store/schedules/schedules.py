@@ -150,7 +150,16 @@ class Schedules:
         due = select(ScheduleRow.id).where(ScheduleRow.enabled, ScheduleRow.next_due_at <= now)
         with self._database.read() as session:
             identifiers = session.scalars(due).all()
-        runs = (self._run_or_miss(identifier, now) for identifier in identifiers)
+        runs = list[ScheduleRun | None]()
+        for schedule_id in identifiers:
+            with acting_as(Actor(f"schedule {schedule_id}", of_service=True)):
+                try:
+                    runs.append(self._run(schedule_id, now))
+                except (StorageFull, StorageUnavailable):
+                    raise
+                except Exception as error:  # noqa: BLE001 - log and event report it; further schedules are due
+                    structlog.get_logger().exception("schedule-not-run", schedule_id=schedule_id)
+                    self._miss(schedule_id, now, _in_words(error))
         return [run for run in runs if run is not None]
 
     def _set_back(self, now: datetime) -> None:
@@ -162,17 +171,6 @@ class Schedules:
                     with suppress(Invalid):  # which is announced when it is due
                         _moved_on(session, row, now)
         self._looked_at = now
-
-    def _run_or_miss(self, schedule_id: str, now: datetime) -> ScheduleRun | None:
-        with acting_as(Actor(f"schedule {schedule_id}", of_service=True)):
-            try:
-                return self._run(schedule_id, now)
-            except (StorageFull, StorageUnavailable):
-                raise
-            except Exception as error:  # noqa: BLE001 - log and event report it; further schedules are due
-                structlog.get_logger().exception("schedule-not-run", schedule_id=schedule_id)
-                self._miss(schedule_id, now, _in_words(error))
-                return None
 
     def _run(self, schedule_id: str, now: datetime) -> ScheduleRun | None:
         with self._database.write() as session:
@@ -228,20 +226,13 @@ def _in_words(error: Exception) -> str:
     return str(error) if isinstance(error, StorageError) else f"{type(error).__name__}: {error}"
 
 
-def _announce(
-    session: Session,
-    now: datetime,
-    what: EventType,
-    row: ScheduleRow,
-    detail: dict[str, Any] | None = None,
-    decided: dict[str, Any] | None = None,
-    why: str | None = None,
-) -> None:
-    announce(session, now, what, "schedule", row.id, group_id=row.scanner_id, detail=detail, decided=decided, why=why)
+def _announce(session: Session, now: datetime, what: EventType, row: ScheduleRow, **about: Any) -> None:  # noqa: ANN401
+    announce(session, now, what, "schedule", row.id, group_id=row.scanner_id, **about)
 
 
 def _announce_missed(session: Session, row: ScheduleRow, now: datetime, due_at: datetime, reason: str) -> None:
-    _announce(session, now, mill_events.SCHEDULE_MISSED, row, {"due_at": due_at.isoformat(), "reason": reason})
+    detail = {"due_at": due_at.isoformat(), "reason": reason}
+    _announce(session, now, mill_events.SCHEDULE_MISSED, row, detail=detail)
 
 
 def _describe(row: ScheduleRow, spec: ScheduleSpec, now: datetime) -> None:

@@ -123,8 +123,7 @@ class DetectorFit:
         """Change of (u_c, tau) per mm of SDD, (2,), whether SDD was held or fitted."""
         if self.distance_held:
             return self.distance_sensitivity
-        fitted: FloatArray = self.covariance[:2, 2] / self.covariance[2, 2]
-        return fitted
+        return np.asarray(self.covariance[:2, 2] / self.covariance[2, 2])
 
     def at_distance(self, source_to_detector_mm: float) -> DetectorEstimate:
         """Return u_c and tau as they follow for a known SDD."""

@@ -122,8 +122,7 @@ def _interpolation_variance(rays: FloatArray, interpolated: NDArray[np.bool_]) -
         moved[(moved & interpolated).any(axis=1) | (moved.sum(axis=1) < number[:, 0])] = False
         squares += float(np.sum(np.sum(bridged_samples(rays, moved) - rays, axis=1) ** 2))
         numbers += int(np.sum(moved.sum(axis=1) ** 2))
-    variance: FloatArray = number * (squares / max(numbers, 1))
-    return variance
+    return np.asarray(number * (squares / max(numbers, 1)))
 
 
 def _no_air(sinogram: FloatArray) -> DriftError:
@@ -230,5 +229,4 @@ def _smooth_covariance(
         likelihoods[at] = -0.5 * np.log(factors).sum(axis=1) - 0.5 * number * np.log(squares)
     weights = np.exp(likelihoods - likelihoods.max())
     weights[:, 0] *= VARIANCES.size
-    smooth: FloatArray = (np.sum(weights * noises * ratios, axis=1) / weights.sum()) @ bumps
-    return smooth
+    return np.asarray((np.sum(weights * noises * ratios, axis=1) / weights.sum()) @ bumps)

@@ -95,5 +95,4 @@ def _sound(end: FloatArray, least: float) -> NDArray[np.bool_]:
     beside = end[:, END_CELLS:]
     level = beside.mean(axis=1, keepdims=True)
     departure = np.sqrt(np.mean((end[:, :END_CELLS] - level) ** 2, axis=0))
-    sound: NDArray[np.bool_] = departure <= max(DEPARTS * float(np.sqrt(np.mean((beside - level) ** 2))), least)
-    return sound
+    return np.asarray(departure <= max(DEPARTS * float(np.sqrt(np.mean((beside - level) ** 2))), least))

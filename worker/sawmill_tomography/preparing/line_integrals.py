@@ -1,7 +1,6 @@
 """Line integrals from detector counts: flat and dark fields and the Beer-Lambert law."""
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -167,21 +166,20 @@ class Exposure:
 
     def remarks(self, starved: int, saturated: int = 0) -> tuple[Reason, ...]:
         """Return the corrections made, with the numbers of samples without signal and with the largest count."""
-        remarks = [PreparingMessage.LINE_INTEGRALS()]
+        remarks: list[Reason] = [PreparingMessage.LINE_INTEGRALS()]
         if starved:
             remarks.append(PreparingMessage.NO_SIGNAL(samples=starved))
         dead = int((self.dead & ~self.saturated).sum())
         if dead:
             remarks.append(PreparingMessage.DEAD_CELLS(cells=dead))
-        return (*remarks, *self._of_saturation(saturated))
-
-    def _of_saturation(self, samples: int) -> Iterator[Reason]:
         if self.saturated.any():
             bridged, left = PreparingMessage.SATURATED_FLATS_BRIDGED, PreparingMessage.SATURATED_FLATS
             message = bridged if (self.dead & self.saturated).any() else left
-            yield message(saturated=int(self.saturated.sum()), cells=self.dead.size, largest=self.largest)
-        elif samples:
-            yield PreparingMessage.SATURATED_SAMPLES(samples=samples, largest=self.largest)
+            number = int(self.saturated.sum())
+            remarks.append(message(saturated=number, cells=self.dead.size, largest=self.largest))
+        elif saturated:
+            remarks.append(PreparingMessage.SATURATED_SAMPLES(samples=saturated, largest=self.largest))
+        return tuple(remarks)
 
 
 def _saturation(flats: Stack) -> tuple[float, NDArray[np.bool_]]:

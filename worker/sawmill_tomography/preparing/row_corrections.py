@@ -5,7 +5,7 @@ micro-tomography", Optics Express 26 (2018) 28396, algorithm 3.
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import scipy
@@ -84,19 +84,7 @@ class CorrectedRows:
     """Result of the corrections."""
 
     faulty: NDArray[np.bool_]  # (rows, cells) bool: cells that were bridged
-    air_cells: NDArray[np.bool_]  # (cells,) bool: air in every view of every row
     remarks: tuple[Reason, ...]  # one sentence for each correction that changed something, or could not be made
-
-
-@dataclass
-class _Findings:
-    """Results of the rows so far."""
-
-    faulty: NDArray[np.bool_]
-    air_cells: NDArray[np.bool_]
-    with_air: list[Air] = field(default_factory=list)
-    without_air: int = 0
-    stripes: list[tuple[float, float, bool]] = field(default_factory=list)
 
 
 class RowCorrector:
@@ -107,47 +95,67 @@ class RowCorrector:
 
     def __init__(self, corrections: Corrections, rows: int, cells: int) -> None:
         self._corrections = corrections
-        self._results = _Findings(np.zeros((rows, cells), bool), np.ones(cells, bool))
+        self._faulty = np.zeros((rows, cells), bool)
+        self._with_air: list[Air] = []
+        self._without_air = 0
+        # Of each row, the stripes before and after the removal of rings, and whether the former are visible.
+        self._stripes: list[tuple[float, float, bool]] = []
 
     def correct(self, stack: Stack, first_row: int = 0) -> None:
         """Correct rows from `first_row` on (views, rows, cells) in place; missing rows are NaN and stay so."""
         for row in range(stack.shape[1]):
             present = present_rows(stack[:, row])
             if present.any():
-                sinogram = np.ascontiguousarray(stack[present, row])
-                stack[present, row] = _corrected(sinogram, self._corrections, self._results, first_row + row)
+                stack[present, row] = self._corrected(np.ascontiguousarray(stack[present, row]), first_row + row)
+
+    def _corrected(self, sinogram: Sinogram, row: int) -> Sinogram:
+        if self._corrections.bridge_faulty_cells and len(sinogram) >= FEWEST_VIEWS:
+            self._faulty[row] = faulty_cells(sinogram, median_of_views(sinogram))
+            if self._faulty[row].any():
+                bridge(sinogram, self._faulty[row])
+        if self._corrections.air is not AirCorrection.OFF:
+            self._subtract_air(sinogram)
+        if len(sinogram) < FEWEST_VIEWS:
+            return sinogram
+        before = after = stripes(median_of_views(sinogram))
+        if self._corrections.remove_rings:
+            sinogram = remove_rings(sinogram)
+            after = stripes(median_of_views(sinogram))
+        self._stripes.append((before, after, _visible(before, sinogram)))
+        return sinogram
+
+    def _subtract_air(self, sinogram: Sinogram) -> None:
+        air = find_air(sinogram)
+        if air is None or abs(air.background) > self._corrections.largest_air_level:
+            self._without_air += 1
+            return
+        sinogram -= air.correction(self._corrections.air)
+        self._with_air.append(air)
 
     def result(self) -> CorrectedRows:
         """Return the result of the corrections of the rows so far."""
-        return CorrectedRows(self._results.faulty, self._results.air_cells, _remarks(self._results, self._corrections))
-
-
-def _corrected(sinogram: Sinogram, corrections: Corrections, results: _Findings, row: int) -> Sinogram:
-    if corrections.bridge_faulty_cells and len(sinogram) >= FEWEST_VIEWS:
-        results.faulty[row] = faulty_cells(sinogram, median_of_views(sinogram))
-        if results.faulty[row].any():
-            bridge(sinogram, results.faulty[row])
-    if corrections.air is not AirCorrection.OFF:
-        _subtract_air(sinogram, corrections, results)
-    if len(sinogram) < FEWEST_VIEWS:
-        return sinogram
-    before = after = stripes(median_of_views(sinogram))
-    if corrections.remove_rings:
-        sinogram = remove_rings(sinogram)
-        after = stripes(median_of_views(sinogram))
-    results.stripes.append((before, after, _visible(before, sinogram)))
-    return sinogram
-
-
-def _subtract_air(sinogram: Sinogram, corrections: Corrections, results: _Findings) -> None:
-    air = find_air(sinogram)
-    if air is None or abs(air.background) > corrections.largest_air_level:
-        results.without_air += 1
-        results.air_cells[:] = False
-        return
-    sinogram -= air.correction(corrections.air)
-    results.air_cells &= air.cells
-    results.with_air.append(air)
+        remarks: list[Reason] = []
+        if self._faulty.any():
+            cells, rows = int(self._faulty.sum()), int(self._faulty.any(axis=1).sum())
+            remarks.append(PreparingMessage.FAULTY_CELLS(cells=cells, rows=rows))
+        if self._with_air:
+            level = float(np.mean([air.background for air in self._with_air]))
+            fewest = min(int(air.cells.sum()) for air in self._with_air)
+            remarks.append(PreparingMessage.AIR_LEVEL(cells=fewest, rows=len(self._with_air), level=level))
+        drifts = [air for air in self._with_air if air.drifts and self._corrections.air is AirCorrection.VIEWS]
+        if drifts:
+            spread = math.sqrt(np.mean([air.level.var() for air in drifts]))
+            remarks.append(PreparingMessage.AIR_OF_VIEWS(rows=len(drifts), deviation=spread))
+        if self._without_air:
+            remarks.append(PreparingMessage.ROWS_WITHOUT_AIR(rows=self._without_air))
+        if self._stripes:
+            before, after = (float(np.median([row[side] for row in self._stripes])) for side in (0, 1))
+            visible = sum(row[2] for row in self._stripes)
+            if self._corrections.remove_rings:
+                remarks.append(PreparingMessage.RINGS_REMOVED(before=before, after=after, window=WINDOW))
+            elif 2 * visible > len(self._stripes):
+                remarks.append(PreparingMessage.RINGS_VISIBLE(before=before, rows=visible))
+        return CorrectedRows(self._faulty, tuple(remarks))
 
 
 def _visible(deviation: float, sinogram: Sinogram) -> bool:
@@ -155,40 +163,3 @@ def _visible(deviation: float, sinogram: Sinogram) -> bool:
     low, high = np.quantile(some, [0.005, 0.995])
     noise_of_median = NOISE_OF_MEDIAN * noise_of_differences(np.diff(some, axis=1), 1) / math.sqrt(len(sinogram))
     return deviation > max(VISIBLE_STRIPES * float(high - low), 3.0 * noise_of_median)
-
-
-def _remarks(results: _Findings, corrections: Corrections) -> tuple[Reason, ...]:
-    return (*_of_cells(results), *_of_air(results, corrections), *_of_rings(results, corrections))
-
-
-def _of_cells(results: _Findings) -> list[Reason]:
-    if not results.faulty.any():
-        return []
-    return [PreparingMessage.FAULTY_CELLS(cells=int(results.faulty.sum()), rows=int(results.faulty.any(axis=1).sum()))]
-
-
-def _of_air(results: _Findings, corrections: Corrections) -> list[Reason]:
-    remarks: list[Reason] = []
-    if results.with_air:
-        levels = np.array([air.background for air in results.with_air])
-        drifts = [air for air in results.with_air if air.drifts and corrections.air is AirCorrection.VIEWS]
-        fewest = min(int(air.cells.sum()) for air in results.with_air)
-        remarks.append(PreparingMessage.AIR_LEVEL(cells=fewest, rows=len(levels), level=float(levels.mean())))
-        if drifts:
-            spread = math.sqrt(np.mean([air.level.var() for air in drifts]))
-            remarks.append(PreparingMessage.AIR_OF_VIEWS(rows=len(drifts), deviation=spread))
-    if results.without_air:
-        remarks.append(PreparingMessage.ROWS_WITHOUT_AIR(rows=results.without_air))
-    return remarks
-
-
-def _of_rings(results: _Findings, corrections: Corrections) -> list[Reason]:
-    if not results.stripes:
-        return []
-    before, after = (float(np.median([row[side] for row in results.stripes])) for side in (0, 1))
-    if corrections.remove_rings:
-        return [PreparingMessage.RINGS_REMOVED(before=before, after=after, window=WINDOW)]
-    visible = sum(row[2] for row in results.stripes)
-    if 2 * visible <= len(results.stripes):
-        return []
-    return [PreparingMessage.RINGS_VISIBLE(before=before, rows=visible)]

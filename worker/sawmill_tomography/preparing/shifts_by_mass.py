@@ -79,9 +79,9 @@ def shifts_by_mass(moments: RowMoments, angles_rad: FloatArray) -> row_shifts.Ro
             f"all rows of view {longest} have the same sum: nothing in them shows where it lies along the log"
         )
     reference = _Profile(mass[longest], present[longest], 0)
-    shifts = np.zeros(len(mass))
     for _ in range(2):
-        shifts = _coarse(mass, present, reference).astype(np.float64)
+        score, lags = _scores(mass, present, reference)
+        shifts = lags[score.argmax(axis=1)].astype(np.float64)
         reference = _common(mass, present, _fit(mass, present, shifts, reference), shifts)
     _check_distinct(mass, present, reference)
     fit, values, weight = _fit(mass, present, shifts, reference), mass, 0.0
@@ -164,13 +164,6 @@ def _check_distinct(values: FloatArray, present: Rows, reference: _Profile) -> N
             f"the place of view {int(lead.argmin())} along the log is not clear: its row sums fit elsewhere about as "
             "well. The log varies too little along its length for its views to be aligned"
         )
-
-
-def _coarse(values: FloatArray, present: Rows, reference: _Profile) -> NDArray[np.intp]:
-    """Return the most likely whole shifts (views,)."""
-    score, lags = _scores(values, present, reference)
-    most_likely: NDArray[np.intp] = lags[score.argmax(axis=1)]
-    return most_likely
 
 
 def _scores(values: FloatArray, present: Rows, reference: _Profile) -> tuple[FloatArray, NDArray[np.intp]]:

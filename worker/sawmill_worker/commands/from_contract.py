@@ -73,7 +73,8 @@ def from_contracts(command: Callable[..., None]) -> Callable[..., None]:
 
     @wraps(command)
     def run(context: typer.Context, **values: Any) -> None:  # noqa: ANN401 - of the flags
-        given = {name for name in values if _was_given(context, name)}
+        sources = {name: context.get_parameter_source(name) for name in values}
+        given = {name for name, source in sources.items() if source is not None and source.name != "DEFAULT"}
         with wrong_use():
             contracts = {name: group.read(values, given) for name, group in groups.items()}
         command(**values, **contracts)
@@ -136,13 +137,10 @@ class _Group:
 def _group_of(annotation: object) -> _Group | None:
     """Return the flags of a parameter or field whose type is a contract; None if it is a single flag."""
     model, *added = get_args(annotation) if get_origin(annotation) is Annotated else (annotation,)
-    if not _is_contract(model) or any(isinstance(x, OptionInfo) for x in added):
+    is_contract = isinstance(model, type) and (issubclass(model, BaseModel) or is_pydantic_dataclass(model))
+    if not is_contract or any(isinstance(each, OptionInfo) for each in added):
         return None
     return _Group(model, next((each for each in added if isinstance(each, Flags)), Flags()))
-
-
-def _is_contract(kind: object) -> bool:
-    return isinstance(kind, type) and (issubclass(kind, BaseModel) or is_pydantic_dataclass(kind))
 
 
 def _typed_as(annotation: object) -> object:
@@ -155,11 +153,6 @@ def _typed_as(annotation: object) -> object:
         [kept] = (each for each in get_args(annotation) if each is not type(None))
         return _typed_as(kept)
     return str if get_origin(annotation) is tuple else annotation
-
-
-def _was_given(context: typer.Context, name: str) -> bool:
-    source = context.get_parameter_source(name)
-    return source is not None and source.name != "DEFAULT"
 
 
 def _checked(model: ContractType, name: str) -> Callable[[Any], Any]:

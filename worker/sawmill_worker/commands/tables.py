@@ -1,7 +1,7 @@
 """Readable answers: tables on standard output, remarks on standard error."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 
 from rich import box
 from rich.console import Console
@@ -18,26 +18,25 @@ from sawmill_contracts.plans import PlanResult, RepeatabilityResult
 from sawmill_contracts.reconstructions import MethodReport
 from sawmill_formats.input.contents import PartKind
 from sawmill_tomography.reconstruction.image_quality import ImageQuality
-from sawmill_vocabulary import ReconstructionMethod
+from sawmill_vocabulary import ReconstructionMethod, Verdict
 from sawmill_worker.commands.terminal import say
+
+COLOURS: Mapping[Verdict, str] = {"pass": "green", "watch": "yellow", "fail": "red"}
 
 
 def print_calibration(result: CalibrationResult) -> None:
     """Print the verdict, the numbers and the reasons."""
-    colour = {"pass": "green", "watch": "yellow", "fail": "red"}[result.verdict]
+    colour = COLOURS[result.verdict]
     title = f"Calibration with {escape(result.phantom)}: [bold {colour}]{result.verdict}[/]"
     table = Table(title=title, show_header=False)
     for label, value in numbers.calibration_table(result):
         table.add_row(label, value)
-    console = Console()
-    console.print(table)
-    for reason in result.reasons:
-        console.print(f"- {reason}", highlight=False, markup=False)
+    _print_with_remarks(table, result.reasons)
 
 
 def print_pairs(result: FixedPairsResult) -> None:
     """Print the verdict on a scanner of fixed pairs, each pair's geometry with standard deviations, and the reasons."""
-    colour = {"pass": "green", "watch": "yellow", "fail": "red"}[result.verdict]
+    colour = COLOURS[result.verdict]
     table = Table(title=f"{len(result.pairs)} pairs with {escape(result.phantom)}: [bold {colour}]{result.verdict}[/]")
     table.add_column("")
     for number in range(1, len(result.pairs) + 1):
@@ -103,13 +102,8 @@ def print_drift(result: DriftResult) -> None:
     if has_scale and not of_given:
         scale = f"{result.scale_change_percent:+.3f} ± {result.scale_change_uncertainty_percent:.2g} %"
         table.add_row("scale changed", "", "", scale, "", "")
-    console = Console()
-    console.print(table)
-    console.print(f"- {result.reason}", highlight=False, markup=False)
-    for done in result.adjustments:
-        console.print(f"- {done}", highlight=False, markup=False)
-    for blind in result.not_seen:
-        console.print(f"- not seen: {blind}", highlight=False, markup=False)
+    not_seen = (f"not seen: {blind}" for blind in result.not_seen)
+    _print_with_remarks(table, [result.reason, *result.adjustments, *not_seen])
 
 
 def print_budget(result: CalibrationResult) -> None:
@@ -139,9 +133,7 @@ def print_repeatability(result: RepeatabilityResult) -> None:
             f"{pair.tilt_difference_deg:+.3f} ± {pair.tilt_deviation_deg:.2g}",
             "agree" if pair.within_error_bars else "differ",
         )
-    console = Console()
-    console.print(table)
-    console.print(f"- {result.reason}", highlight=False, markup=False)
+    _print_with_remarks(table, [result.reason])
 
 
 def report_method(done: MethodReport) -> None:
@@ -289,6 +281,13 @@ def _reading_table(reading: InspectedReading) -> Table:
         if value is not None:
             table.add_row(label, escape(value))
     return table
+
+
+def _print_with_remarks(table: Table, remarks: Iterable[str]) -> None:
+    console = Console()
+    console.print(table)
+    for remark in remarks:
+        console.print(f"- {remark}", highlight=False, markup=False)
 
 
 def _size(number: int) -> str:

@@ -30,7 +30,6 @@ from sawmill_formats.input.hdf5.guard import (
     members,
     name_of,
     numbers,
-    read_float32,
     read_images,
     read_values,
     text_of,
@@ -161,7 +160,7 @@ def _number(dataset: h5py.Dataset, name: str) -> float:
 
 def read_unpacked(dataset: h5py.Dataset) -> NDArray[np.float32]:
     """Read the values of a checked dataset as float32."""
-    return scaling_of(dataset).apply(read_float32(dataset))
+    return scaling_of(dataset).apply(read_values(dataset, np.float32))
 
 
 def packing_remarks(*datasets: h5py.Dataset | None) -> tuple[Reason, ...]:

@@ -170,13 +170,6 @@ def read_values(dataset: h5py.Dataset, dtype: DTypeLike | None = None) -> NDArra
     return result
 
 
-def read_float32(dataset: h5py.Dataset, *parts: slice) -> NDArray[np.float32]:
-    """Read a checked dataset as float32; `parts` select from its axes, the first ones first."""
-    if not parts:
-        return read_values(dataset, np.float32)
-    return read_images(dataset, np.arange(parts[0].start, parts[0].stop), *parts[1:])
-
-
 def read_images(dataset: h5py.Dataset, images: NDArray[np.intp], *parts: slice) -> NDArray[np.float32]:
     """Read images by their rising indices, run by run as float32; `parts` select from the images' axes."""
     lengths = (*(part.stop - part.start for part in parts), *dataset.shape[len(parts) + 1 :])

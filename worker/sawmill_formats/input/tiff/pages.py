@@ -331,15 +331,11 @@ def check_chain(tiff: "tifffile.TiffFile", name: str, size_bytes: int) -> None:
         claimed += tags * tag.itemsize
         _check_claimed(claimed, size_bytes, pages, name)
         stored = np.frombuffer(_whole(stream, tags * tag.itemsize, name), tag.newbyteorder(layout.byteorder))
-        claimed += _values_bytes(stored, width)
+        # Values that do not fit into their tags are stored elsewhere.
+        sizes = VALUE_BYTES[np.minimum(stored["type"], len(VALUE_BYTES) - 1)] * stored["count"]
+        claimed += float(sizes[sizes > width].sum())
         _check_claimed(claimed, size_bytes, pages, name)
         (at,) = struct.unpack(layout.offsetformat, _whole(stream, width, name))
-
-
-def _values_bytes(tags: NDArray[np.void], inside_bytes: int) -> float:
-    """Return the number of bytes that tags claim for values stored outside of the tags."""
-    sizes = VALUE_BYTES[np.minimum(tags["type"], len(VALUE_BYTES) - 1)] * tags["count"]
-    return float(sizes[sizes > inside_bytes].sum())
 
 
 def _whole(stream: "tifffile.FileHandle", length: int, name: str) -> bytes:

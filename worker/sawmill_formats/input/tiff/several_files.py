@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_formats.errors import UnreadableScan, library_errors_translated, quoted
-from sawmill_formats.input.arrays import Bounds, Scaling, check_size
+from sawmill_formats.input.arrays import Bounds, check_size
 from sawmill_formats.input.contents import FieldKind, FileContents, Part, PartKind, Projections, Wanted
 from sawmill_formats.input.image_names import listed, natural_key, sorted_images
 from sawmill_formats.input.tiff.pages import TiffPages, open_pages, opened_tiff, page_type, stated_scaling
@@ -85,7 +85,9 @@ def read_files(
     scale_file = str(PurePosixPath(views[0].name).with_name(SCALE_FILE))
     if scale_file in others:
         with opened(scale_file) as stream:
-            scaling = _scaling_of(quoted(scale_file), stream.read(LONGEST_SCALE_FILE).decode("ascii", "replace"))
+            text = stream.read(LONGEST_SCALE_FILE).decode("ascii", "replace")
+        stated, name = dict(re.findall(r'"(scale|offset)":\s*([^\s,}]+)', text)), quoted(scale_file)
+        scaling = stated_scaling(repr(name), name, stated.get("scale", ""), stated.get("offset", ""), inverse=True)
         projections = replace(projections, read=lambda *parts: scaling.apply(stacked.read(*parts)))
         remarks += scaling.remarks()
     ignored = sorted({*others} - {scale_file})
@@ -145,11 +147,6 @@ def _fields(what: str, files: Sequence[TiffFile], bounds: Bounds) -> NDArray[np.
     checked = _checked(what, files, bounds)
     fields = _stacked(checked, checked[0].shape[1], bounds)
     return fields.read(slice(0, fields.shape[0]), slice(0, fields.shape[1]))
-
-
-def _scaling_of(scale_file: str, text: str) -> Scaling:
-    stated = dict(re.findall(r'"(scale|offset)":\s*([^\s,}]+)', text))
-    return stated_scaling(repr(scale_file), scale_file, stated.get("scale", ""), stated.get("offset", ""), inverse=True)
 
 
 MOST_FILES = 100_000

@@ -5,7 +5,7 @@ drift checks (docs/understand/drift.md). JSON keeps a chart as numbers, lists an
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 from functools import reduce
 from typing import Any, NamedTuple
@@ -252,43 +252,21 @@ def _bounded(apart: FloatArray, precision: FloatArray) -> FloatArray:
 
 
 # Version of the layout below: a chart of another layout is built again from the drift checks.
-LAYOUT = 2
+LAYOUT = 3
 
 
 def chart_to_state(chart: DriftChart) -> dict[str, Any]:
     """Convert a chart for `chart_from_state`: some kilobytes, growing with the logarithm of the number of checks."""
-    baseline, history = chart.baseline, chart.history
-    return {
-        "layout": LAYOUT,
-        "pending": [_look_to_state(look) for look in chart.pending],
-        "newest": [_look_to_state(look) for look in chart.newest],
-        "baseline": baseline
-        and {
-            **_look_to_state(baseline.estimate),
-            "looks": baseline.estimate.looks,
-            "outliers": baseline.estimate.outliers,
-            "until_days": baseline.until_days,
-        },
-        "history": history
-        and {
-            "segments": [
-                {
-                    "groups": segment.groups,
-                    "first_days": float(segment.first_days),
-                    "last_days": float(segment.last_days),
-                    "precision": segment.precision.tolist(),
-                    "weighted": segment.weighted.tolist(),
-                }
-                for segment in history.segments
-            ],
-            "scatter": {
-                "differences": history.scatter.differences,
-                "squares": history.scatter.squares.tolist(),
-                "mean": history.scatter.mean.tolist(),
-                "covariance": history.scatter.covariance.tolist(),
-            },
-        },
-    }
+    return {"layout": LAYOUT, **_as_json(asdict(chart))}
+
+
+def _as_json(value: Any) -> Any:  # noqa: ANN401 - any field's
+    """Convert arrays and tuples to lists, also within dictionaries."""
+    if isinstance(value, dict):
+        return {name: _as_json(each) for name, each in value.items()}
+    if isinstance(value, tuple):
+        return [_as_json(each) for each in value]
+    return value.tolist() if isinstance(value, np.ndarray) else value
 
 
 def chart_from_state(state: Mapping[str, Any]) -> DriftChart:
@@ -326,36 +304,27 @@ def _numbers(value: object, *shape: int) -> FloatArray:
     return numbers
 
 
-def _look_to_state(look: DriftCheckPoint) -> dict[str, Any]:
-    return {"days": look.days, "change": look.change.values, "covariance": look.change.covariance}
-
-
 def _look(state: Mapping[str, Any]) -> dict[str, Any]:
-    change = DetectorEstimate.of(_numbers(state["change"], 2), _numbers(state["covariance"], 2, 2))
-    return {"days": float(_numbers(state["days"])), "change": change}
+    """Return the fields of a drift check."""
+    change, days = state["change"], float(_numbers(state["days"]))
+    values = _numbers([change["cor_column_mm"], change["tilt_rad"]], 2)
+    return {"days": days, "change": DetectorEstimate.of(values, _numbers(change["covariance"], 2, 2))}
 
 
 def _baseline(state: Mapping[str, Any]) -> Baseline:
-    looks, outliers = (int(_numbers(state[name])) for name in ("looks", "outliers"))
-    return Baseline(
-        PooledDriftCheckPoint(**_look(state), looks=looks, outliers=outliers), float(_numbers(state["until_days"]))
-    )
+    estimate = state["estimate"]
+    looks, outliers = (int(_numbers(estimate[name])) for name in ("looks", "outliers"))
+    pooled_looks = PooledDriftCheckPoint(**_look(estimate), looks=looks, outliers=outliers)
+    return Baseline(pooled_looks, float(_numbers(state["until_days"])))
 
 
 def _history(state: Mapping[str, Any]) -> History:
-    scatter = state["scatter"]
+    scatter, shapes = state["scatter"], {"squares": (2, 2), "mean": (2,), "covariance": (2, 2)}
+    of_segment = {"first_days": (), "last_days": (), "precision": (3, 2, 2), "weighted": (2, 2)}
     return History(
-        tuple(_segment_from_state(segment) for segment in state["segments"]),
-        LookSpread(
-            int(_numbers(scatter["differences"])),
-            _numbers(scatter["squares"], 2, 2),
-            _numbers(scatter["mean"], 2),
-            _numbers(scatter["covariance"], 2, 2),
+        tuple(
+            Segment(int(_numbers(each["groups"])), *(_numbers(each[name], *of_segment[name]) for name in of_segment))
+            for each in state["segments"]
         ),
+        LookSpread(int(_numbers(scatter["differences"])), *(_numbers(scatter[name], *shapes[name]) for name in shapes)),
     )
-
-
-def _segment_from_state(state: Mapping[str, Any]) -> Segment:
-    first, last = (_numbers(state[name]) for name in ("first_days", "last_days"))
-    precision, weighted = _numbers(state["precision"], 3, 2, 2), _numbers(state["weighted"], 2, 2)
-    return Segment(int(_numbers(state["groups"])), first, last, precision, weighted)

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_vocabulary import DetectorEstimate
@@ -54,8 +53,7 @@ class LookSpread:
         A direction with less scatter than the covariances imply keeps them as they are.
         """
         more, directions = np.linalg.eigh(self._estimate)
-        ratio: FloatArray = np.einsum("...ik,...k,...jk->...ij", directions, np.maximum(more, 1.0), directions)
-        return ratio
+        return np.asarray(np.einsum("...ik,...k,...jk->...ij", directions, np.maximum(more, 1.0), directions))
 
     def chi_squared(self, distance: FloatArray) -> FloatArray:
         """Convert a squared length by this scatter's covariances to the equally rare chi-squared, 2 degrees of freedom.
@@ -84,14 +82,12 @@ def inverse(matrices: FloatArray) -> FloatArray:
 
 def times(matrices: FloatArray, vectors: FloatArray) -> FloatArray:
     """Return the products (..., 2) of matrices (..., 2, 2) and vectors (..., 2)."""
-    products: FloatArray = np.einsum("...ij,...j->...i", matrices, vectors)
-    return products
+    return np.asarray(np.einsum("...ij,...j->...i", matrices, vectors))
 
 
 def squared_length(vectors: FloatArray, precision: FloatArray) -> FloatArray:
     """Return x^T P x (...), for vectors (..., 2), matrices (..., 2, 2): chi-squared if P is the inverse covariance."""
-    length: FloatArray = np.einsum("...i,...ij,...j->...", vectors, precision, vectors)
-    return length
+    return np.asarray(np.einsum("...i,...ij,...j->...", vectors, precision, vectors))
 
 
 def whitened(vectors: FloatArray, covariance: FloatArray) -> FloatArray:
@@ -188,15 +184,12 @@ def pooled_means(change: FloatArray, covariance: FloatArray) -> PooledMeans:
         distance = np.sqrt(squared_length(change - mean[..., None, :], own))
         weights = HUBER / np.maximum(distance, HUBER)
         if step >= STEPS_WITH_ALL - 1:
-            weights = np.where(_outlying(distance), 0.0, weights)
+            # Never more than half of the checks: then the distances are what is wrong.
+            is_outlying = (distance > OUTLYING) & (distance > np.median(distance, axis=-1, keepdims=True))
+            weights = np.where(is_outlying, 0.0, weights)
     precision = np.einsum("...k,...kij->...ij", weights, own)
     mean = times(inverse(precision), np.einsum("...k,...ki->...i", weights, weighted))
     return PooledMeans(mean, precision, weights)
-
-
-def _outlying(distance: FloatArray) -> NDArray[np.bool_]:
-    """Select far drift checks, but never more than half of them: then the distances are what is wrong."""
-    return (distance > OUTLYING) & (distance > np.median(distance, axis=-1, keepdims=True))
 
 
 def stacked(changes: Iterable[DetectorEstimate]) -> tuple[FloatArray, FloatArray]:

@@ -269,8 +269,7 @@ class _Jumps:
         )
         scores = np.einsum("jpc,pc->cj", instrument, residual)
         bread = np.linalg.inv(matrix)
-        covariance: FloatArray = bread @ (scores.T @ scores) @ bread.T
-        return covariance
+        return np.asarray(bread @ (scores.T @ scores) @ bread.T)
 
     def _sums(self, values: FloatArray, tried: NDArray[np.intp]) -> FloatArray:
         """Sum values (..., pairs, chi) where a jump moves one ray of a pair alone, (tried, ...)."""
@@ -299,8 +298,7 @@ def _taken(angles: FloatArray, angles_rad: FloatArray) -> NDArray[np.intp]:
     order = np.argsort(wrapped, kind="stable")
     turn = wrapped[order]
     middles = 0.5 * (turn + np.append(turn[1:], turn[0] + TAU))
-    taken: NDArray[np.intp] = order[np.searchsorted(middles, np.mod(angles - turn[0], TAU) + turn[0]) % turn.size]
-    return taken
+    return np.asarray(order[np.searchsorted(middles, np.mod(angles - turn[0], TAU) + turn[0]) % turn.size])
 
 
 # Opposite rays are compared on samples this many cells apart, each a Gaussian mean this wide: nearly independent.

@@ -93,8 +93,7 @@ class Pairs:
             near[self._turn.nearest_view(angles), np.searchsorted(fan, gamma).clip(0, fan.size - 1)[:, None]]
             for angles, gamma in rays
         )
-        touching: NDArray[np.bool_] = here | there
-        return touching
+        return np.asarray(here | there)
 
     def at(self, vector: FloatArray) -> PairedRays:
         """Return the paired rays with this geometry."""
@@ -146,8 +145,7 @@ class Pairs:
         """Return the sums of squares, (2,), of the used pairs' blurred differences and of their blurred rays."""
         (rays, opposite), _ = self._both_sides(vector)
         blurred = self._over_chi(self._blur * np.stack([rays - opposite, 0.5 * (rays + opposite)])) * self._used
-        squares: FloatArray = np.sum(blurred**2, axis=(1, 2))
-        return squares
+        return np.asarray(np.sum(blurred**2, axis=(1, 2)))
 
     def _both_sides(self, vector: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """Return rays and opposite rays over chi, and both derivatives by the rays' gamma, (2, pairs, harmonics)."""
@@ -169,8 +167,7 @@ class Pairs:
         """
         fan, covered = fan_angles(self._scanner, vector)
         _, slopes = self._sides((self._turn.mean * covered)[:, None], fan)
-        half: FloatArray = 0.5 * (slopes[0] - slopes[1])[:, 0]
-        return half
+        return np.asarray(0.5 * (slopes[0] - slopes[1])[:, 0])
 
     def _over_chi(self, harmonics: ComplexArray) -> FloatArray:
         """Transform harmonics (..., orders) to (..., views) over chi."""
@@ -262,8 +259,7 @@ def _shifts(vector: FloatArray, gamma: NDArray[np.floating]) -> FloatArray:
     _, tau, sdd = vector
     c = np.cos(gamma + tau)
     by = np.stack([np.ones_like(gamma), sdd * np.sin(gamma) * np.sin(gamma + tau) / c**2, np.sin(gamma) / c])
-    shifts: FloatArray = by * (c * c / (sdd * math.cos(tau)))
-    return shifts
+    return np.asarray(by * (c * c / (sdd * math.cos(tau))))
 
 
 def _powers(base: ComplexArray, number: int) -> ComplexArray:

@@ -62,14 +62,12 @@ class PairedRays:
     @property
     def slopes(self) -> FloatArray:
         """Derivatives of half the sums by the unknowns, (unknowns, pairs, chi)."""
-        slopes: FloatArray = np.einsum("xip,ipt->xpt", self.weights, self.derivatives.plain)
-        return slopes
+        return np.asarray(np.einsum("xip,ipt->xpt", self.weights, self.derivatives.plain))
 
     @property
     def instruments(self) -> FloatArray:
         """Slopes of blurred rays, (unknowns, pairs, chi)."""
-        instruments: FloatArray = np.einsum("xip,ipt->xpt", self.weights, self.derivatives.blurred)
-        return instruments
+        return np.asarray(np.einsum("xip,ipt->xpt", self.weights, self.derivatives.blurred))
 
     @cached_property
     def scores(self) -> FloatArray:
@@ -132,8 +130,7 @@ def is_definite(gram: FloatArray) -> bool:
 def _products(weights: FloatArray, left: FloatArray, right: FloatArray) -> FloatArray:
     """Sum products of weighted derivatives over pairs and chi: over chi first, where no weight changes."""
     of_pairs, of_unknowns = left.transpose(1, 0, 2) @ right.transpose(1, 2, 0), weights.transpose(2, 0, 1)
-    products: FloatArray = (of_unknowns @ of_pairs @ of_unknowns.transpose(0, 2, 1)).sum(axis=0)
-    return products
+    return np.asarray((of_unknowns @ of_pairs @ of_unknowns.transpose(0, 2, 1)).sum(axis=0))
 
 
 def _signal_share(gram: FloatArray, noisy: FloatArray) -> float:

@@ -93,8 +93,7 @@ def _sizes(known: list[Run], missed: FloatArray) -> FloatArray:
         2.0 / (length + 1) * _half_waves(length) @ missed[view, first : first + length] for view, first, length in known
     ]
     lengths = np.array([length for _, _, length in known])
-    sizes: FloatArray = np.sqrt(np.sum(np.square(amplitudes), axis=0) / np.sum(lengths**2))
-    return sizes
+    return np.asarray(np.sqrt(np.sum(np.square(amplitudes), axis=0) / np.sum(lengths**2)))
 
 
 def _half_waves(length: int) -> FloatArray:

@@ -63,8 +63,7 @@ class ScanMotions(NamedTuple):
     @property
     def turns(self) -> NDArray[np.bool_]:
         """True for motions that turn the log, (motions,)."""
-        turns: NDArray[np.bool_] = np.any(self.turned_rad != 0.0, axis=0)
-        return turns
+        return np.asarray(np.any(self.turned_rad != 0.0, axis=0))
 
     @classmethod
     def encoder(cls, angles_rad: FloatArray) -> "ScanMotions":
@@ -308,8 +307,7 @@ class PairSums:
         wider = np.tan(pairs.delta)[pairs.separation][:, None]
         line = (along[pairs.first] - along[pairs.second]) / wider - across[pairs.first] - across[pairs.second]
         line /= 2.0 * self.source_distance_mm
-        changed: FloatArray = -mean * ((left + right)[:, None] * farther + (left - right)[:, None] * line)
-        return changed
+        return np.asarray(-mean * ((left + right)[:, None] * farther + (left - right)[:, None] * line))
 
     def _picked(self, weights: tuple[FloatArray, FloatArray], values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return each pair's sums of values (views, cells) of the first and of the second view, (pairs,) each.

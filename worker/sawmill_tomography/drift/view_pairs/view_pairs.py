@@ -309,8 +309,7 @@ def _likely_turn(sums: PairSums, near: FloatArray, motions: ScanMotions, hardene
         slopes = np.linalg.qr(white @ turned.slopes(near, differences, 2))[0]
         white_differences = white @ differences
         left.append(float(np.sum((white_differences - slopes @ (slopes.T @ white_differences)) ** 2)))
-    likely: FloatArray = turns[int(np.argmin(left))]
-    return likely
+    return np.asarray(turns[int(np.argmin(left))])
 
 
 def _fit(
