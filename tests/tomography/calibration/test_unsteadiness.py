@@ -61,12 +61,19 @@ def test_a_phantom_that_leans_and_settles_is_named():
     assert ("phantom-settles" in codes, verdict) == (True, "pass")
 
 
+@pytest.mark.parametrize("seed", [205, 208, 214])
+def test_a_phantom_that_slips_three_times_is_watched_where_other_motions_explain_it(seed):
+    """Two of its slips, or one, or a wobble, were fitted, and the scan passed 0.11 to 0.17 mm off."""
+    _, verdict, true_mm = otherwise("three slips", seed)
+    assert true_mm > 0.1
+    assert verdict == "watch"
+
+
 @pytest.mark.nightly
 @pytest.mark.parametrize("motion", OTHER_MOTIONS)
-def test_phantoms_that_move_otherwise_rarely_pass_with_wrong_rays(motion):
+def test_phantoms_that_move_otherwise_do_not_pass_with_wrong_rays(motion):
     scans = [otherwise(motion, seed) for seed in range(100, 120)]
-    wrong = [codes for codes, verdict, true_mm in scans if verdict == "pass" and true_mm > 0.1]
-    assert len(wrong) <= 1
+    assert not [codes for codes, verdict, true_mm in scans if verdict == "pass" and true_mm > 0.1]
 
 
 # 1 % noise and 72 views predict 0.004 mm; what is fitted as well leaves no more than a few times that.
