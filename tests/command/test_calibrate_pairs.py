@@ -84,6 +84,32 @@ def test_the_table_of_two_passages_passes_and_dead_cells_do_no_harm(run, two, tm
     assert "2 pairs with L-shape: pass" in shown
 
 
+def test_passages_that_were_recorded_apart_are_calibrated_as_those_in_one_file(run, two, passed, tmp_path):
+    together = json.loads(run("calibrate-pairs", two, *passed, *BOARD, "--json").stdout)
+    apart = [Path(shutil.copy(path, tmp_path / f"{n}-{path.name}")) for n in (0, 1) for path in passed]
+    for number, path in enumerate(apart):
+        with h5py.File(path, "r+") as file:
+            detector, angles = file["entry/instrument/detector"], file["entry/sample/rotation_angle"]
+            frames, key = detector["data"][()], detector["image_key"][()]
+            kept = key > 0
+            kept[np.flatnonzero(key == 0)[number // 2]] = True
+            rows = slice(number // 2, None)  # the second recording begins later
+            for group, name, values in (
+                (detector, "data", frames[kept][:, rows]),
+                (detector, "image_key", key[kept]),
+                (angles.parent, "rotation_angle", angles[()][kept]),
+            ):
+                attributes = dict(group[name].attrs)
+                del group[name]
+                group[name] = values
+                group[name].attrs.update(attributes)
+    found = json.loads(run("calibrate-pairs", two, *apart, *BOARD, "--json").stdout)
+    assert [pair["source_frame"]["psi_rad"] for pair in found["pairs"]] == pytest.approx(
+        [pair["source_frame"]["psi_rad"] for pair in together["pairs"]], abs=1e-4
+    )
+    assert (len(found["passages"]), found["verdict"]) == (2, together["verdict"])
+
+
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
@@ -111,7 +137,7 @@ def test_files_that_do_not_belong_together_are_refused(run, failure, two, passed
     assert one["detail"] == "the scanner has 2 pairs: give a file for each, not 1"
     run("simulate", "l-shape", "--pairs", two, "--rows", 2, "--passages", 1, "-o", tmp_path / "once.h5")
     other = failure("calibrate-pairs", two, passed[0], tmp_path / "once-2.h5", *BOARD)
-    assert other["detail"] == "once-2.h5 has 1 passages, and the file before 2"
+    assert other["detail"] == "pair 2 has 1 passages in its file, and pair 1 has 2"
     assert one["code"] == other["code"] == "contradiction"
 
 

@@ -44,6 +44,9 @@ STAGES = {
     "pair rays": marked("Comparing opposite rays"),
     "reconstruct": marked("Computing the slices"),
     "trace": marked("Finding the outline in the picture"),
+    "start": marked("Searching for the geometry"),
+    "fit": marked("Searching for the geometry"),
+    "bounds": marked("Searching for the geometry"),
     "result": marked("Writing the result"),
     "store": marked("Writing the result"),
 }

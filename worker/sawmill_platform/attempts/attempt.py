@@ -121,7 +121,7 @@ def _gone_files_are_outages(attempt: protocol.Attempt[Any]) -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        ours = [str(path) for path in (attempt.output, attempt.given.file) if path is not None]
+        ours = [str(path) for path in (attempt.output, *attempt.given.readable)]
         for cause in _with_causes(error):
             if isinstance(cause, FileNotFoundError) and any(path in str(cause) for path in ours):
                 msg = "the data folder was away, or lacks a file of the job's: the attempt was given up; look at "

@@ -1,0 +1,53 @@
+"""`/v1/fixed-pairs`: files of several inspections, which stay as long as the job needs them."""
+
+from datetime import timedelta
+
+import pytest
+from asgi import refusal
+
+from sawmill_contracts import kinds
+from sawmill_contracts.fixed_pairs import DECLARATION
+from sawmill_contracts.inspections import FILE_KEPT
+from sawmill_platform.files.named_folders import Leftovers
+from sawmill_store.mill_files import NAMED_FOLDERS
+
+BODY = DECLARATION.to_ask.example["body"]
+FILES = BODY["inspection_ids"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "status", "code"),
+    [
+        ({"inspection_ids": [*FILES, "example"]}, 422, "invalid-request"),
+        ({"inspection_ids": [FILES[0], "nothing"]}, 404, "inspection-not-found"),
+        ({"phantom_id": "nothing"}, 404, "phantom-not-found"),
+        ({"pairs": BODY["pairs"][:1]}, 422, "invalid-request"),
+        ({"pairs": [pair | {"source_to_detector_mm": 800} for pair in BODY["pairs"]]}, 422, "invalid-request"),
+    ],
+)
+def test_files_and_places_that_cannot_be_are_refused(seeded, changes, status, code):
+    assert refusal(seeded.post("/v1/fixed-pairs", json=BODY | changes)) == (status, code)
+
+
+def test_the_job_reads_the_files_in_the_order_of_the_request(seeded, store, worker):
+    turned = [*FILES[::-1], *FILES]
+    asked = seeded.post("/v1/fixed-pairs", json=BODY | {"inspection_ids": turned}).json()
+    given = store.jobs.handed_over(asked["job_id"])
+    assert given.files == tuple(store.files.upload(kinds.INSPECT, each) for each in turned)
+    assert set(given.readable) == set(given.files)
+    worker.finish_fixed_pairs()
+
+
+def test_a_file_stays_while_a_job_needs_it_and_is_not_taken_after_its_day(seeded, store, worker):
+    asked = seeded.post("/v1/fixed-pairs", json=BODY).json()
+    assert refusal(seeded.delete(f"/v1/inspections/{FILES[0]}")) == (409, "inspection-in-use")
+    later = store.database.now() + FILE_KEPT + timedelta(hours=1)
+    store.database.now = lambda: later
+    leftovers = Leftovers(store.database, store.files, NAMED_FOLDERS, grace_s=0.0)
+    removed = {path.name for _ in range(3) for path in leftovers.remove_some()}
+    assert removed >= {"example", "example-spare"}
+    assert not removed & set(FILES)
+    assert refusal(seeded.post("/v1/fixed-pairs", json=BODY)) == (409, "inspection-expired")
+    worker.finish_fixed_pairs()
+    assert seeded.get(asked["links"]["self"]).json()["state"] == "succeeded"
+    assert FILES[0] in {path.name for _ in range(3) for path in leftovers.remove_some()}
