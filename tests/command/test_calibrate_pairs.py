@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 import pytest
 from pydantic import TypeAdapter
+from recorded_apart import recorded_apart
 
 from sawmill_contracts.fixed_pairs import FixedPairsResult
 from sawmill_tomography.geometry.geometry import to_vector
@@ -86,23 +87,7 @@ def test_the_table_of_two_passages_passes_and_dead_cells_do_no_harm(run, two, tm
 
 def test_passages_that_were_recorded_apart_are_calibrated_as_those_in_one_file(run, two, passed, tmp_path):
     together = json.loads(run("calibrate-pairs", two, *passed, *BOARD, "--json").stdout)
-    apart = [Path(shutil.copy(path, tmp_path / f"{n}-{path.name}")) for n in (0, 1) for path in passed]
-    for number, path in enumerate(apart):
-        with h5py.File(path, "r+") as file:
-            detector, angles = file["entry/instrument/detector"], file["entry/sample/rotation_angle"]
-            frames, key = detector["data"][()], detector["image_key"][()]
-            kept = key > 0
-            kept[np.flatnonzero(key == 0)[number // 2]] = True
-            rows = slice(number // 2, None)  # the second recording begins later
-            for group, name, values in (
-                (detector, "data", frames[kept][:, rows]),
-                (detector, "image_key", key[kept]),
-                (angles.parent, "rotation_angle", angles[()][kept]),
-            ):
-                attributes = dict(group[name].attrs)
-                del group[name]
-                group[name] = values
-                group[name].attrs.update(attributes)
+    apart = recorded_apart(passed, tmp_path)
     found = json.loads(run("calibrate-pairs", two, *apart, *BOARD, "--json").stdout)
     assert [pair["source_frame"]["psi_rad"] for pair in found["pairs"]] == pytest.approx(
         [pair["source_frame"]["psi_rad"] for pair in together["pairs"]], abs=1e-4

@@ -8,6 +8,7 @@ from asgi import refusal
 from sawmill_contracts import kinds
 from sawmill_contracts.fixed_pairs import DECLARATION
 from sawmill_contracts.inspections import FILE_KEPT
+from sawmill_platform.contracts.jobs import Failure, FailureKind
 from sawmill_platform.files.named_folders import Leftovers
 from sawmill_store.mill_files import NAMED_FOLDERS
 
@@ -51,3 +52,34 @@ def test_a_file_stays_while_a_job_needs_it_and_is_not_taken_after_its_day(seeded
     worker.finish_fixed_pairs()
     assert seeded.get(asked["links"]["self"]).json()["state"] == "succeeded"
     assert FILES[0] in {path.name for _ in range(3) for path in leftovers.remove_some()}
+
+
+def page(client, path, language="en"):
+    answer = client.get(path, headers={"Accept-Language": language})
+    assert answer.status_code == 200
+    return answer.text
+
+
+def test_the_page_shows_each_pair_and_goes_on_with_the_files_that_are_here(seeded):
+    shown = page(seeded, "/fixed-pairs/example-pairs")
+    assert "0.310 mm" in shown
+    assert "Choose the files of the next passage" in shown
+    assert 'data-ask="{&#34;corner_tolerance_mm&#34;: 0.3' in shown
+    assert all(f"&#34;{inspection}&#34;" in shown for inspection in FILES)
+    assert "Aja kappale läpi uudelleen" in page(seeded, "/fixed-pairs/example-pairs", "fi")
+
+
+def test_a_calibration_that_passed_asks_for_no_passage_and_one_that_failed_says_why(seeded, worker, store):
+    passed = seeded.post("/v1/fixed-pairs", json=BODY).json()["id"]
+    assert 'id="follow"' in page(seeded, f"/fixed-pairs/{passed}")
+    worker.finish_fixed_pairs(verdict="pass", reasons=[], coded_reasons=[], upper_95_mm=0.05)
+    shown = page(seeded, f"/fixed-pairs/{passed}")
+    assert "The places of the pairs are known well enough." in shown
+    assert "next passage" not in shown
+    failed = seeded.post("/v1/fixed-pairs", json=BODY).json()["id"]
+    failure = Failure(kind=FailureKind.INPUT, code="broken-file", detail="pair 2: the file ends too early")
+    store.jobs.fail(worker.claim(), failure, retries=0)
+    assert "pair 2: the file ends too early" in page(seeded, f"/fixed-pairs/{failed}")
+    newest = page(seeded, "/fixed-pairs")
+    assert newest.index(failed) < newest.index(passed)
+    assert "These are the places of last time." in newest

@@ -54,6 +54,7 @@ STAGES = {
 _MADE = {
     kinds.INGEST: ("/scans/{}", marked("Open the scan")),
     kinds.CALIBRATE: ("/calibrations/{}/report", marked("Report")),
+    kinds.CALIBRATE_PAIRS: ("/fixed-pairs/{}", marked("Open the result")),
     kinds.RECONSTRUCT: ("/logs/{}", marked("Open the log")),
     kinds.TRACE_PHANTOM: ("/phantoms/{}", marked("Open the phantom")),
 }

@@ -1,0 +1,92 @@
+"""From the files of one passage through two fixed pairs to places that two passages show, in a browser."""
+
+import json
+import re
+
+import pytest
+from live_service import Offline, serving
+from page_checks import overflowing, shot, small_targets
+from playwright.sync_api import Page, expect
+from pydantic import TypeAdapter
+from recorded_apart import recorded_apart
+
+from sawmill_calibration.simulation import write_passages
+from sawmill_contracts.fixed_pairs import DECLARATION
+from sawmill_tomography.phantoms.built_in import L_SHAPE
+from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM
+from sawmill_vocabulary import PairedScanner
+
+pytestmark = pytest.mark.slow
+
+PLACES = {"pairs": DECLARATION.to_ask.example["body"]["pairs"]}
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """Two passages through two pairs, each recorded into files of its own."""
+    folder = tmp_path_factory.mktemp("passages")
+    scanner = TypeAdapter(PairedScanner).validate_python(PLACES)
+    of_board = {"passages": 2, "rows": 12, "row_pitch_mm": 10.0, "off_mm": 10.0, "photons": 3e4, "seed": 5}
+    passed = write_passages(folder / "board.h5", L_SHAPE.of_density(SAPWOOD_PER_MM), scanner, **of_board)
+    apart = recorded_apart(passed, folder)
+    return apart[:2], apart[2:]
+
+
+@pytest.fixture
+def service(tmp_path):
+    with serving(tmp_path, {**Offline(tmp_path).variables, "SAWMILL_STOP_GRACE_S": "1"}, "--no-examples") as started:
+        yield started
+
+
+@pytest.fixture
+def page(browser, service):
+    context = browser.new_context(base_url=str(service.client.base_url), viewport={"width": 800, "height": 1100})
+    yield context.new_page()
+    context.close()
+
+
+def looks_right(page: Page, name: str) -> None:
+    for width in (390, 800):
+        page.set_viewport_size({"width": width, "height": 1100})
+        shot(page, f"fixed-pairs-{name}-{width}")
+        assert overflowing(page) + small_targets(page) == []
+
+
+def test_one_passage_is_watched_and_the_second_goes_on_from_it(page, service, files):
+    page.goto("/calibrate")
+    page.get_by_role("link", name=re.compile("fixed pairs")).click()
+    places = page.get_by_label("Nominal places of the pairs")
+    first = page.get_by_label("Choose the files of all pairs")
+    page.get_by_label("Board").select_option("l-shape")
+    page.get_by_label("What are the numbers?").select_option("counts")
+    looks_right(page, "files")
+
+    # A file too few, and places that are none; what was sent is not sent again.
+    places.fill(json.dumps(PLACES))
+    first.set_input_files(files[0][:1])
+    page.get_by_role("button", name="Calibrate").click()
+    expect(page.get_by_role("alert")).to_have_text("Choose a file for each of the 2 pairs: there are 1.")
+    first.set_input_files(files[0][::-1])
+    expect(page.locator("#order li")).to_have_text([path.name for path in files[0]])
+    places.fill(json.dumps({"pairs": [pair | {"source_to_detector_mm": 1.0} for pair in PLACES["pairs"]]}))
+    page.get_by_role("button", name="Calibrate").click()
+    expect(page.get_by_role("alert")).to_contain_text("the centre lies between source and detector")
+    places.fill(json.dumps(PLACES))
+    page.get_by_role("button", name="Calibrate").click()
+
+    expect(page.get_by_text("Roll the board by about a quarter of a turn").first).to_be_visible()
+    expect(page.get_by_role("heading", name="Pass the board again")).to_be_visible()
+    looks_right(page, "watch")
+    page.get_by_label("Choose the files of the next passage").set_input_files(files[1])
+    page.get_by_role("button", name="Calibrate").click()
+
+    ring = page.get_by_alt_text("Sources, detectors and the board, with the bound of the rays of each pair")
+    expect(page.get_by_role("heading", name="Pass the board again")).to_have_count(0)
+    expect(ring).to_have_js_property("complete", True)
+    assert ring.evaluate("picture => picture.naturalWidth") > 500
+    expect(page.get_by_role("heading", name=re.compile("Pair 2: rays below 0.0"))).to_be_visible()
+    looks_right(page, "result")
+    newest, earlier = service.get("/v1/fixed-pairs").json()["items"]
+    assert (earlier["result"]["verdict"], newest["result"]["verdict"]) == ("watch", "pass")
+    assert newest["options"]["inspection_ids"][:2] == earlier["options"]["inspection_ids"]
+    assert (len(newest["result"]["passages"]), len(service.get("/v1/inspections").json()["items"])) == (2, 4)
