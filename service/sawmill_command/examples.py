@@ -66,8 +66,17 @@ def record(folder: Path) -> None:
     )
     (folder / seeding.PHANTOM_FILE).write_bytes(buffer.getvalue())
     pairs = TypeAdapter(PairedScanner).validate_python({"pairs": DECLARATION.to_ask.example["body"]["pairs"]})
-    wood, passed = L_SHAPE.of_density(SAPWOOD_PER_MM), {"passages": 2, "rows": PAIR_ROWS, "off_mm": 10.0, "seed": SEED}
-    write_passages(folder / "pairs.h5", wood, pairs, None, photons=PHOTONS, row_pitch_mm=ROW_PITCH_MM, **passed)
+    write_passages(
+        folder / "pairs.h5",
+        L_SHAPE.of_density(SAPWOOD_PER_MM),
+        pairs,
+        passages=2,
+        rows=PAIR_ROWS,
+        row_pitch_mm=ROW_PITCH_MM,
+        off_mm=10.0,
+        photons=PHOTONS,
+        seed=SEED,
+    )
     (folder / "pairs-true.json").unlink()
 
 

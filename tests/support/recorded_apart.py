@@ -9,24 +9,17 @@ import numpy as np
 
 
 def recorded_apart(files: Sequence[Path], folder: Path) -> list[Path]:
-    """Write the first passage of each file, then the second, whose recording began a row later."""
+    """Write the first passage of each file, then the second; three and five rows of air come first."""
     return [_one(path, passage, folder / f"passage-{passage + 1}-{path.name}") for passage in (0, 1) for path in files]
 
 
 def _one(path: Path, passage: int, copy: Path) -> Path:
-    shutil.copy(path, copy)
-    with h5py.File(copy, "r+") as file:
-        detector, sample = file["entry/instrument/detector"], file["entry/sample"]
-        key = detector["image_key"][()]
-        kept = key > 0
-        kept[np.flatnonzero(key == 0)[passage]] = True
-        shown = {"data": detector["data"][()][kept][:, passage:], "image_key": key[kept]}
-        for group, name, values in (
-            *((detector, name, values) for name, values in shown.items()),
-            (sample, "rotation_angle", sample["rotation_angle"][()][kept]),
-        ):
-            attributes = dict(group[name].attrs)
-            del group[name]
-            group[name] = values
-            group[name].attrs.update(attributes)
+    with h5py.File(shutil.copy(path, copy), "r+") as file:
+        detector = file["entry/instrument/detector"]
+        frames, key = detector["data"][()], detector["image_key"][()]
+        shown, air_rows = np.flatnonzero(key == 0), 3 + 2 * passage
+        frames[shown, air_rows:] = frames[shown, :-air_rows]
+        frames[shown, :air_rows] = frames[key == 1].mean(axis=0)[:air_rows]
+        key[np.delete(shown, passage)] = 3  # invalid
+        detector["data"][...], detector["image_key"][...] = frames, key
     return copy

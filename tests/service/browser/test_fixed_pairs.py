@@ -26,7 +26,7 @@ def files(tmp_path_factory):
     """Two passages through two pairs, each recorded into files of its own."""
     folder = tmp_path_factory.mktemp("passages")
     scanner = TypeAdapter(PairedScanner).validate_python(PLACES)
-    of_board = {"passages": 2, "rows": 12, "row_pitch_mm": 10.0, "off_mm": 10.0, "photons": 3e4, "seed": 5}
+    of_board = {"passages": 2, "rows": 16, "row_pitch_mm": 10.0, "off_mm": 10.0, "photons": 3e4, "seed": 5}
     passed = write_passages(folder / "board.h5", L_SHAPE.of_density(SAPWOOD_PER_MM), scanner, **of_board)
     apart = recorded_apart(passed, folder)
     return apart[:2], apart[2:]
