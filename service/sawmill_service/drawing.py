@@ -139,12 +139,12 @@ def drawn_alpha_curve(columns: "Mapping[str, NDArray[Any]]") -> bytes:
         return alpha_curve_png(**columns)
 
 
-def drawn_ring(result: FixedPairsResult) -> bytes:
+def drawn_ring(result: FixedPairsResult, reader: Reader) -> bytes:
     """Draw the pairs of a calibrated scanner of fixed pairs, as PNG."""
     from sawmill_calibration.pictures.ring_of_pairs import ring_png
 
     with DRAWING:
-        return ring_png(result)
+        return ring_png(result, reader)
 
 
 def scan_thumbnail(files: MillFiles, scan: Scan, shape: ScanShape) -> Path:

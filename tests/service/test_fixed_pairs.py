@@ -30,17 +30,10 @@ def test_files_and_places_that_cannot_be_are_refused(seeded, changes, status, co
     assert refusal(seeded.post("/v1/fixed-pairs", json=BODY | changes)) == (status, code)
 
 
-def test_the_job_reads_the_files_in_the_order_of_the_request(seeded, store, worker):
-    turned = [*FILES[::-1], *FILES]
-    asked = seeded.post("/v1/fixed-pairs", json=BODY | {"inspection_ids": turned}).json()
-    given = store.jobs.handed_over(asked["job_id"])
-    assert given.files == tuple(store.files.upload(kinds.INSPECT, each) for each in turned)
-    assert set(given.readable) == set(given.files)
-    worker.finish_fixed_pairs()
-
-
 def test_a_file_stays_while_a_job_needs_it_and_is_not_taken_after_its_day(seeded, store, worker):
     asked = seeded.post("/v1/fixed-pairs", json=BODY).json()
+    given = store.jobs.handed_over(asked["job_id"])
+    assert given.readable == tuple(store.files.upload(kinds.INSPECT, each) for each in FILES)
     assert refusal(seeded.delete(f"/v1/inspections/{FILES[0]}")) == (409, "inspection-in-use")
     later = store.database.now() + FILE_KEPT + timedelta(hours=1)
     store.database.now = lambda: later

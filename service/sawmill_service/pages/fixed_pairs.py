@@ -13,6 +13,7 @@ from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheSettings, TheStore
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.calibrate.calibrate_questions import usable_phantoms
+from sawmill_service.pages.frame.languages import marked
 from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
 from sawmill_service.pages.frame.verdicts import shown_pair
 from sawmill_service.pages.job_words import STATES, stages
@@ -20,7 +21,11 @@ from sawmill_vocabulary import PairedScanner
 from sawmill_vocabulary.pair_messages import PairMessage
 
 LISTED = 10
-TONES = {"pass": "good", "watch": "watch", "fail": "bad"}
+VERDICTS = {
+    "pass": ("good", marked("Done")),
+    "watch": ("watch", marked("Look at it")),
+    "fail": ("bad", marked("Failed")),
+}
 # Reasons whose remedy is another passage.
 PASS_AGAIN = {PairMessage.ROLL_AGAIN, PairMessage.LIES_ALIKE, PairMessage.ORDER_UNCERTAIN}
 _SCANNER = TypeAdapter(PairedScanner)
@@ -42,6 +47,7 @@ def fixed_pairs(page: ThePage, store: TheStore, settings: TheSettings) -> HTMLRe
         places=_SCANNER.dump_json(scanner, exclude_defaults=True, indent=2).decode(),
         phantoms=usable_phantoms(store.phantoms),
         states=STATES,
+        verdicts=VERDICTS,
         max_bytes=settings.max_upload_bytes,
     )
 
@@ -70,7 +76,7 @@ def _shown(page: PageFrame, result: FixedPairsResult) -> dict[str, Any]:
     """Return what the template shows of an answer."""
     return {
         "degrees": math.degrees(1.0),
-        "tone": TONES[result.verdict],
+        "tone": VERDICTS[result.verdict][0],
         "questions": shown_pair(TwoQuestions.of_pairs(result), page.text, page.formats),
         "pass_again": any(reason.code in PASS_AGAIN for reason in result.coded_reasons),
     }
