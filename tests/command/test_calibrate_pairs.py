@@ -123,6 +123,18 @@ def test_files_that_do_not_belong_together_are_refused(run, failure, two, passed
     run("simulate", "l-shape", "--pairs", two, "--rows", 2, "--passages", 1, "-o", tmp_path / "once.h5")
     other = failure("calibrate-pairs", two, passed[0], tmp_path / "once-2.h5", *BOARD)
     assert other["detail"] == "pair 2 has 1 passages in its file, and pair 1 has 2"
+    (tmp_path / "letter.h5").write_text("this is no scan")
+    letter = failure("calibrate-pairs", two, *passed, passed[0], tmp_path / "letter.h5", *BOARD)
+    assert letter["detail"].startswith("pair 2, passage 2: ")
+    views = {"shadow": np.tile(np.hanning(384), (60, 1)), "air": np.ones((1, 384))}
+    for name, sentence in (
+        ("shadow", "pair 1 has 60 views in its file, and"),
+        ("air", "pair 1: no row shows anything"),
+    ):
+        np.save(tmp_path / f"{name}.npy", views[name])
+        scans = [tmp_path / f"{name}.npy"] * 2
+        refusal = failure("calibrate-pairs", two, *scans, *BOARD[2:], "--data", "line-integrals")
+        assert refusal["detail"].startswith(sentence)
     assert one["code"] == other["code"] == "contradiction"
 
 

@@ -185,6 +185,8 @@ def board_rows(stack: NDArray[np.float32]) -> slice:
     depth = np.nanmean(np.nanstd(stack, axis=2), axis=0)
     shadowed = np.concatenate([[False], depth > LEAST_SHADOW * float(np.nanmax(depth)), [False]])
     ends = np.flatnonzero(np.diff(shadowed.astype(int)))
+    if not ends.size:
+        raise refused("geometry", "no row shows anything but air: pass the board between source and detector")
     first, last = max(zip(ends[::2].tolist(), ends[1::2].tolist(), strict=True), key=lambda run: run[1] - run[0])
     own = segments(stack[:, first:last])[0]
     cut = 1 if own.stop - own.start > 2 + FEWEST * GROUPS else 0

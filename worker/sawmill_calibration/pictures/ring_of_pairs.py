@@ -31,9 +31,8 @@ def ring_png(result: FixedPairsResult, reader: Reader = ENGLISH) -> bytes:
     title = reader.words(
         N_("Pairs: %(pairs)d. Passages: %(passages)d. Rays: %(rms).3f mm, 95 %% below %(upper).3f mm.")
     )
-    numbers = {"pairs": len(result.pairs), "passages": len(result.passages)}
-    numbers |= {"rms": result.predicted_rms_mm, "upper": result.upper_95_mm}
-    ax.set_title(reader.localised(title % numbers))
+    counts = {"pairs": len(result.pairs), "passages": len(result.passages)}
+    ax.set_title(reader.localised(title % {**counts, "rms": result.predicted_rms_mm, "upper": result.upper_95_mm}))
     ax.set_xlabel("y, mm")
     ax.set_ylabel("x, mm")
     ax.invert_yaxis()
