@@ -126,14 +126,16 @@ def test_files_that_do_not_belong_together_are_refused(run, failure, two, passed
     (tmp_path / "letter.h5").write_text("this is no scan")
     letter = failure("calibrate-pairs", two, *passed, passed[0], tmp_path / "letter.h5", *BOARD)
     assert letter["detail"].startswith("pair 2, passage 2: ")
-    views = {"shadow": np.tile(np.hanning(384), (60, 1)), "air": np.ones((1, 384))}
-    for name, sentence in (
-        ("shadow", "pair 1 has 60 views in its file, and"),
-        ("air", "pair 1: no row shows anything"),
+    few = tmp_path / "few.json"
+    few.write_text(two.read_text().replace('"num_detector_pixels": 384', '"num_detector_pixels": 30'))
+    for pairs, views, sentence in (
+        (two, np.tile(np.hanning(384), (60, 1)), "pair 1 has 60 views in its file, and a calibration takes at most 12"),
+        (two, np.ones((1, 384)), "pair 1: no row shows anything but air"),
+        (few, np.hanning(30)[None], "pair 1 has 30 cells, and at least 32 are needed"),
     ):
-        np.save(tmp_path / f"{name}.npy", views[name])
-        scans = [tmp_path / f"{name}.npy"] * 2
-        refusal = failure("calibrate-pairs", two, *scans, *BOARD[2:], "--data", "line-integrals")
+        np.save(tmp_path / "lines.npy", views)
+        scans = [tmp_path / "lines.npy"] * 2
+        refusal = failure("calibrate-pairs", pairs, *scans, *BOARD[2:], "--data", "line-integrals")
         assert refusal["detail"].startswith(sentence)
     assert one["code"] == other["code"] == "contradiction"
 
