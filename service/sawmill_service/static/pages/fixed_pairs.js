@@ -65,11 +65,12 @@ async function send(signal) {
   location.assign(`/fixed-pairs/${(await api("POST", "/v1/fixed-pairs", request)).id}`);
 }
 
+// Files that were sent before it was cancelled stay for a day, and nothing is said.
 function sentence(error) {
   if (error instanceof Problem) {
     return error.message;
   }
-  return error.name === "AbortError" ? form.dataset.cancelled : form.dataset.unread;
+  return error.name === "AbortError" ? "" : form.dataset.unread;
 }
 
 async function submit(event) {
