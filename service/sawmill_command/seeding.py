@@ -28,7 +28,7 @@ from sawmill_platform.contracts.uploads import UploadRequest
 from sawmill_platform.errors import Conflict
 from sawmill_platform.files.file_store import EXAMPLES
 from sawmill_platform.uploads.upload_store import UploadQuota
-from sawmill_store.examples import EXAMPLE, SCANNER_NAMES, SPARE, SPARSE
+from sawmill_store.examples import EXAMPLE, PAIR_FILES, SCANNER_NAMES, SPARE, SPARSE
 from sawmill_store.requests.asked import NOTHING, Asked
 from sawmill_store.scans.scans import Scans
 from sawmill_store.store import Store
@@ -37,7 +37,7 @@ from sawmill_vocabulary import DataKind, Polygon, ReconstructionMethod, Theta
 RECORDED = Path(__file__).parent / "example_files"
 STACK_FILE, PHANTOM_FILE = "log-with-phantom.h5", "phantom-scan.npz"
 # The files of an example of fixed pairs, by the ids of their inspections.
-PAIR_FILES = {f"{EXAMPLE}-pair-{number}": f"pairs-{number}.h5" for number in (1, 2)}
+RECORDED_PAIRS = {identifier: f"pairs-{number}.h5" for number, identifier in enumerate(PAIR_FILES, 1)}
 # Marks a data folder whose examples are made.
 DONE = "complete"
 L_SHAPE = "l-shape"
@@ -67,7 +67,7 @@ def seed_examples(store: Store) -> None:
     if SPARE not in {item.id for item in store.phantoms.page().items}:
         store.phantoms.create(_spare_phantom(), phantom_id=SPARE)
     _seed_scans(store.scans)
-    inspected = {SPARE: PHANTOM_FILE, EXAMPLE: PHANTOM_FILE, **PAIR_FILES}
+    inspected = {SPARE: PHANTOM_FILE, EXAMPLE: PHANTOM_FILE, **RECORDED_PAIRS}
     for identifier in inspected.keys() - {item.id for item in store.inspections.page().items}:
         name = inspected[identifier]
         received = store.files.receive([(RECORDED / name).read_bytes()], max_bytes=2**30)

@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 from small_scanner import CONSTANTS, SCANNER, THETA
 
-from sawmill_command.seeding import PAIR_FILES, RECORDED
+from sawmill_command.seeding import RECORDED, RECORDED_PAIRS
 from sawmill_contracts import fixed_pairs
 from sawmill_contracts.calibrations import CalibrationRequest
 from sawmill_contracts.drifts import DriftRequest
@@ -50,7 +50,7 @@ def asked(store):
     Image.fromarray(np.rint(255 * L_SHAPE.rasterise(400, 400.0)).astype(np.uint8)).save(buffer, format="PNG")
     store.phantoms.accept_picture(picture, store.files.receive([buffer.getvalue()], max_bytes=10**7))
     store.inspections.accept_file(InspectionOptions(), store.files.receive([stack_of_an_l()], max_bytes=10**7))
-    for identifier, name in PAIR_FILES.items():
+    for identifier, name in RECORDED_PAIRS.items():
         received = store.files.receive([(RECORDED / name).read_bytes()], max_bytes=10**7)
         store.inspections.accept_file(InspectionOptions(), received, identifier=identifier)
     store.asked(fixed_pairs.DECLARATION).accept(
