@@ -85,7 +85,18 @@ def calibrate_fixed_pairs(
 def sources_of(
     paths: Sequence[Path], scanner: PairedScanner, data: DataKind, *, uploaded: bool = False
 ) -> list[ScanSource]:
-    """Return how the files of passages are read; `uploaded` in a confined process.
+    """Return how the files of passages are read.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        The files, as `calibrate_passages` takes them.
+    scanner : PairedScanner
+        The pairs, whose cells have the pitch of the files.
+    data : DataKind
+        Kind of the numbers in all files.
+    uploaded : bool
+        Whether a confined process reads them, which starts no other one.
 
     Raises
     ------
@@ -113,6 +124,14 @@ def calibrate_passages(
     ----------
     sources : sequence of ScanSource
         A file for each pair, or one for each in every passage, passage by passage (`sources_of`).
+    scanner : PairedScanner
+        The nominal places of the pairs.
+    drawing : PhantomDrawing
+        The board.
+    options : FixedPairsOptions
+        The side of the board and the tolerances.
+    on_progress : callable
+        Called with the progress of reading and of the fit.
 
     Raises
     ------
