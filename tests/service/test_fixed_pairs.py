@@ -2,7 +2,6 @@
 
 from datetime import timedelta
 
-import pytest
 from asgi import refusal
 
 from sawmill_contracts import kinds
@@ -16,18 +15,12 @@ BODY = DECLARATION.to_ask.example["body"]
 FILES = BODY["inspection_ids"]
 
 
-@pytest.mark.parametrize(
-    ("changes", "status", "code"),
-    [
-        ({"inspection_ids": [*FILES, "example"]}, 422, "invalid-request"),
-        ({"inspection_ids": [FILES[0], "nothing"]}, 404, "inspection-not-found"),
-        ({"phantom_id": "nothing"}, 404, "phantom-not-found"),
-        ({"pairs": BODY["pairs"][:1]}, 422, "invalid-request"),
-        ({"pairs": [pair | {"source_to_detector_mm": 800} for pair in BODY["pairs"]]}, 422, "invalid-request"),
-    ],
-)
-def test_files_and_places_that_cannot_be_are_refused(seeded, changes, status, code):
-    assert refusal(seeded.post("/v1/fixed-pairs", json=BODY | changes)) == (status, code)
+def test_files_that_cannot_be_are_refused(seeded):
+    for changes, refused in (
+        ({"inspection_ids": [*FILES, "example"]}, (422, "invalid-request")),
+        ({"inspection_ids": [FILES[0], "nothing"]}, (404, "inspection-not-found")),
+    ):
+        assert refusal(seeded.post("/v1/fixed-pairs", json=BODY | changes)) == refused
 
 
 def test_a_file_stays_while_a_job_needs_it_and_is_not_taken_after_its_day(seeded, store, worker):
@@ -53,15 +46,6 @@ def page(client, path, language="en"):
     return answer.text
 
 
-def test_the_page_shows_each_pair_and_goes_on_with_the_files_that_are_here(seeded):
-    shown = page(seeded, "/fixed-pairs/example-pairs")
-    assert "0.310 mm" in shown
-    assert "Choose the files of the next passage" in shown
-    assert 'data-ask="{&#34;corner_tolerance_mm&#34;: 0.3' in shown
-    assert all(f"&#34;{inspection}&#34;" in shown for inspection in FILES)
-    assert "Aja kappale läpi uudelleen" in page(seeded, "/fixed-pairs/example-pairs", "fi")
-
-
 def test_a_calibration_that_passed_asks_for_no_passage_and_one_that_failed_says_why(seeded, worker, store):
     passed = seeded.post("/v1/fixed-pairs", json=BODY).json()["id"]
     assert 'id="follow"' in page(seeded, f"/fixed-pairs/{passed}")
@@ -76,3 +60,4 @@ def test_a_calibration_that_passed_asks_for_no_passage_and_one_that_failed_says_
     newest = page(seeded, "/fixed-pairs")
     assert newest.index(failed) < newest.index(passed)
     assert "These are the places of last time." in newest
+    assert "Aja kappale läpi uudelleen" in page(seeded, "/fixed-pairs/example-pairs", "fi")

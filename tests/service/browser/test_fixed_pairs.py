@@ -4,9 +4,8 @@ import json
 import re
 
 import pytest
-from live_service import Offline, serving
-from page_checks import overflowing, shot, small_targets
-from playwright.sync_api import Page, expect
+from page_checks import looks_right
+from playwright.sync_api import expect
 from pydantic import TypeAdapter
 from recorded_apart import recorded_apart
 
@@ -32,26 +31,6 @@ def files(tmp_path_factory):
     return apart[:2], apart[2:]
 
 
-@pytest.fixture
-def service(tmp_path):
-    with serving(tmp_path, {**Offline(tmp_path).variables, "SAWMILL_STOP_GRACE_S": "1"}, "--no-examples") as started:
-        yield started
-
-
-@pytest.fixture
-def page(browser, service):
-    context = browser.new_context(base_url=str(service.client.base_url), viewport={"width": 800, "height": 1100})
-    yield context.new_page()
-    context.close()
-
-
-def looks_right(page: Page, name: str) -> None:
-    for width in (390, 800):
-        page.set_viewport_size({"width": width, "height": 1100})
-        shot(page, f"fixed-pairs-{name}-{width}")
-        assert overflowing(page) + small_targets(page) == []
-
-
 def test_one_passage_is_watched_and_the_second_goes_on_from_it(page, service, files):
     page.goto("/calibrate")
     page.get_by_role("link", name=re.compile("fixed pairs")).click()
@@ -59,7 +38,7 @@ def test_one_passage_is_watched_and_the_second_goes_on_from_it(page, service, fi
     first = page.get_by_label("Choose the files of all pairs")
     page.get_by_label("Board").select_option("l-shape")
     page.get_by_label("What are the numbers?").select_option("counts")
-    looks_right(page, "files")
+    looks_right(page, "fixed-pairs-files")
 
     # A file too few, and places that are none; what was sent is not sent again.
     places.fill(json.dumps(PLACES))
@@ -76,7 +55,7 @@ def test_one_passage_is_watched_and_the_second_goes_on_from_it(page, service, fi
 
     expect(page.get_by_text("Roll the board by about a quarter of a turn").first).to_be_visible()
     expect(page.get_by_role("heading", name="Pass the board again")).to_be_visible()
-    looks_right(page, "watch")
+    looks_right(page, "fixed-pairs-watch")
     page.get_by_label("Choose the files of the next passage").set_input_files(files[1])
     page.get_by_role("button", name="Calibrate").click()
 
@@ -85,7 +64,7 @@ def test_one_passage_is_watched_and_the_second_goes_on_from_it(page, service, fi
     expect(ring).to_have_js_property("complete", True)
     assert ring.evaluate("picture => picture.naturalWidth") > 500
     expect(page.get_by_role("heading", name=re.compile("Pair 2: rays below 0.0"))).to_be_visible()
-    looks_right(page, "result")
+    looks_right(page, "fixed-pairs-result")
     newest, earlier = service.get("/v1/fixed-pairs").json()["items"]
     assert (earlier["result"]["verdict"], newest["result"]["verdict"]) == ("watch", "pass")
     assert newest["options"]["inspection_ids"][:2] == earlier["options"]["inspection_ids"]
