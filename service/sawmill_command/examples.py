@@ -21,7 +21,8 @@ from sawmill_tomography.projection.simulate import SimulatedStack, simulate_stac
 from sawmill_vocabulary import PairedScanner
 
 SEED = 2206
-PAIR_ROWS, PHOTONS = 12, 30_000.0
+# Two passages of a board that lies well apart in them.
+PAIR_ROWS, PHOTONS, PAIR_SEED = 16, 30_000.0, 5
 SCANNER = Scanner(
     seeding.CONSTANTS.source_to_cor_mm, seeding.CONSTANTS.num_detector_pixels, seeding.CONSTANTS.detector_pitch_mm
 )
@@ -75,7 +76,7 @@ def record(folder: Path) -> None:
         row_pitch_mm=ROW_PITCH_MM,
         off_mm=10.0,
         photons=PHOTONS,
-        seed=SEED,
+        seed=PAIR_SEED,
     )
     (folder / "pairs-true.json").unlink()
 

@@ -6,32 +6,19 @@ import re
 import pytest
 from page_checks import looks_right
 from playwright.sync_api import expect
-from pydantic import TypeAdapter
 from recorded_apart import recorded_apart
 
-from sawmill_calibration.simulation import write_passages
+from sawmill_command.seeding import RECORDED, RECORDED_PAIRS
 from sawmill_contracts.fixed_pairs import DECLARATION
-from sawmill_tomography.phantoms.built_in import L_SHAPE
-from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM
-from sawmill_vocabulary import PairedScanner
 
 pytestmark = pytest.mark.slow
 
 PLACES = {"pairs": DECLARATION.to_ask.example["body"]["pairs"]}
 
 
-@pytest.fixture(scope="module")
-def files(tmp_path_factory):
-    """Two passages through two pairs, each recorded into files of its own."""
-    folder = tmp_path_factory.mktemp("passages")
-    scanner = TypeAdapter(PairedScanner).validate_python(PLACES)
-    of_board = {"passages": 2, "rows": 16, "row_pitch_mm": 10.0, "off_mm": 10.0, "photons": 3e4, "seed": 5}
-    passed = write_passages(folder / "board.h5", L_SHAPE.of_density(SAPWOOD_PER_MM), scanner, **of_board)
-    apart = recorded_apart(passed, folder)
-    return apart[:2], apart[2:]
-
-
-def test_one_passage_is_watched_and_the_second_goes_on_from_it(page, service, files):
+def test_one_passage_is_watched_and_the_second_goes_on_from_it(page, service, tmp_path):
+    apart = recorded_apart([RECORDED / name for name in RECORDED_PAIRS.values()], tmp_path)
+    files = apart[:2], apart[2:]
     page.goto("/calibrate")
     page.get_by_role("link", name=re.compile("fixed pairs")).click()
     places = page.get_by_label("Nominal places of the pairs")
