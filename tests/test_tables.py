@@ -31,6 +31,7 @@ PARTIAL = {
     "service/sawmill_service/pages/system/system.py: ACTIONS": "the audit keeps decisions alone",
     "service/sawmill_service/pages/scanners/scanner_history.py: EVENT_WORDS": "the other events are in no history",
     "worker/sawmill_store/requests/references.py: _WITHOUT_RESULT": "the other states have a result or will have one",
+    "worker/sawmill_store/requests/references.py: _LOOK_UP": "a request has several inspections",
     "worker/sawmill_store/subjects/outputs.py: _FILES": "jobs of the other kinds write no file",
     "worker/sawmill_store/mill_tables.py: OWN_TABLES": "the rows of other kinds are in the table `asked`",
     "worker/sawmill_tomography/calibration/joint_fit/groups.py: PRIORS": "the others are no groups of columns",

@@ -7,17 +7,22 @@ import io
 from pathlib import Path
 
 import numpy as np
+from pydantic import TypeAdapter
 
-from sawmill_calibration.simulation import write_simulated_scan
+from sawmill_calibration.simulation import write_passages, write_simulated_scan
 from sawmill_command import seeding
 from sawmill_command.seeding import LOG_ROWS, PHANTOM_ROWS, ROW_PITCH_MM, THETA
+from sawmill_contracts.fixed_pairs import DECLARATION
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray, Scanner
 from sawmill_tomography.phantoms.built_in import L_SHAPE
 from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM, LogModel
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.projection.simulate import SimulatedStack, simulate_stack
+from sawmill_vocabulary import PairedScanner
 
 SEED = 2206
+# Two passages of a board that lies well apart in them.
+PAIR_ROWS, PHOTONS, PAIR_SEED = 16, 30_000.0, 5
 SCANNER = Scanner(
     seeding.CONSTANTS.source_to_cor_mm, seeding.CONSTANTS.num_detector_pixels, seeding.CONSTANTS.detector_pitch_mm
 )
@@ -61,6 +66,19 @@ def record(folder: Path) -> None:
         angles_deg=np.rad2deg(full_turn(views)),
     )
     (folder / seeding.PHANTOM_FILE).write_bytes(buffer.getvalue())
+    pairs = TypeAdapter(PairedScanner).validate_python({"pairs": DECLARATION.to_ask.example["body"]["pairs"]})
+    write_passages(
+        folder / "pairs.h5",
+        L_SHAPE.of_density(SAPWOOD_PER_MM),
+        pairs,
+        passages=2,
+        rows=PAIR_ROWS,
+        row_pitch_mm=ROW_PITCH_MM,
+        off_mm=10.0,
+        photons=PHOTONS,
+        seed=PAIR_SEED,
+    )
+    (folder / "pairs-true.json").unlink()
 
 
 if __name__ == "__main__":

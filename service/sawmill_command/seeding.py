@@ -28,7 +28,7 @@ from sawmill_platform.contracts.uploads import UploadRequest
 from sawmill_platform.errors import Conflict
 from sawmill_platform.files.file_store import EXAMPLES
 from sawmill_platform.uploads.upload_store import UploadQuota
-from sawmill_store.examples import EXAMPLE, SCANNER_NAMES, SPARE, SPARSE
+from sawmill_store.examples import EXAMPLE, PAIR_FILES, SCANNER_NAMES, SPARE, SPARSE
 from sawmill_store.requests.asked import NOTHING, Asked
 from sawmill_store.scans.scans import Scans
 from sawmill_store.store import Store
@@ -36,6 +36,8 @@ from sawmill_vocabulary import DataKind, Polygon, ReconstructionMethod, Theta
 
 RECORDED = Path(__file__).parent / "example_files"
 STACK_FILE, PHANTOM_FILE = "log-with-phantom.h5", "phantom-scan.npz"
+# The files of an example of fixed pairs, by the ids of their inspections.
+RECORDED_PAIRS = {identifier: f"pairs-{number}.h5" for number, identifier in enumerate(PAIR_FILES, 1)}
 # Marks a data folder whose examples are made.
 DONE = "complete"
 L_SHAPE = "l-shape"
@@ -65,10 +67,12 @@ def seed_examples(store: Store) -> None:
     if SPARE not in {item.id for item in store.phantoms.page().items}:
         store.phantoms.create(_spare_phantom(), phantom_id=SPARE)
     _seed_scans(store.scans)
-    for identifier in {SPARE, EXAMPLE} - {item.id for item in store.inspections.page().items}:
-        received = store.files.receive([(RECORDED / PHANTOM_FILE).read_bytes()], max_bytes=2**30)
+    inspected = {SPARE: PHANTOM_FILE, EXAMPLE: PHANTOM_FILE, **RECORDED_PAIRS}
+    for identifier in inspected.keys() - {item.id for item in store.inspections.page().items}:
+        name = inspected[identifier]
+        received = store.files.receive([(RECORDED / name).read_bytes()], max_bytes=2**30)
         store.inspections.accept_file(
-            InspectionOptions(), received, name=PHANTOM_FILE, identifier=identifier, priority=Priority.BACKGROUND
+            InspectionOptions(), received, name=name, identifier=identifier, priority=Priority.BACKGROUND
         )
     for identifier in (EXAMPLE, SPARE):
         with suppress(Conflict):  # the upload waits already
@@ -93,7 +97,7 @@ def seed_examples(store: Store) -> None:
     for declared in filter(lambda kind: kind.upload is None, asked_kinds()):
         given = dict(declared.to_ask.example)
         ask = declared.ask.model_validate(given.pop("body"))
-        example_id = str(declared.to_get.example.get(f"{declared.noun}_id", "example"))
+        example_id = str(declared.to_get.example.get(declared.id_name, "example"))
         _ask_once(store.asked(declared), ask, example_id, given=given)
     for identifier in {EXAMPLE, SPARE} - {item.id for item in store.schedules.page().items}:
         store.schedules.create(

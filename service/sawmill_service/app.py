@@ -39,6 +39,7 @@ from sawmill_service.routes import (
     calibrations,
     console,
     events,
+    fixed_pairs,
     health,
     inspections,
     jobs,
@@ -88,7 +89,7 @@ TAGS = [
     {"name": "operation", "description": "Health and metrics, for operators of the service."},
 ]
 ROUTERS = (
-    *(scanners, phantoms, uploads, inspections, scans, calibrations, reconstructions, volumes),
+    *(scanners, phantoms, uploads, inspections, scans, calibrations, fixed_pairs, reconstructions, volumes),
     *(jobs, events, schedules, alarms, webhooks, retention, keys, audit, health, login, console),
 )
 

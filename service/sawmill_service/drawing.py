@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import CalibrationResult
+from sawmill_contracts.fixed_pairs import FixedPairsResult
 from sawmill_contracts.reconstructions import ReconstructionResult
 from sawmill_contracts.scans import Scan, ScanShape
 from sawmill_formats.errors import damage_reported
@@ -136,6 +137,14 @@ def drawn_alpha_curve(columns: "Mapping[str, NDArray[Any]]") -> bytes:
 
     with DRAWING:
         return alpha_curve_png(**columns)
+
+
+def drawn_ring(result: FixedPairsResult, reader: Reader) -> bytes:
+    """Draw the pairs of a calibrated scanner of fixed pairs, as PNG."""
+    from sawmill_calibration.pictures.ring_of_pairs import ring_png
+
+    with DRAWING:
+        return ring_png(result, reader)
 
 
 def scan_thumbnail(files: MillFiles, scan: Scan, shape: ScanShape) -> Path:

@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 import pytest
 from pydantic import TypeAdapter
+from recorded_apart import recorded_apart
 
 from sawmill_contracts.fixed_pairs import FixedPairsResult
 from sawmill_tomography.geometry.geometry import to_vector
@@ -84,6 +85,16 @@ def test_the_table_of_two_passages_passes_and_dead_cells_do_no_harm(run, two, tm
     assert "2 pairs with L-shape: pass" in shown
 
 
+def test_passages_that_were_recorded_apart_are_calibrated_as_those_in_one_file(run, two, passed, tmp_path):
+    together = json.loads(run("calibrate-pairs", two, *passed, *BOARD, "--json").stdout)
+    apart = recorded_apart(passed, tmp_path)
+    found = json.loads(run("calibrate-pairs", two, *apart, *BOARD, "--json").stdout)
+    assert [pair["source_frame"]["psi_rad"] for pair in found["pairs"]] == pytest.approx(
+        [pair["source_frame"]["psi_rad"] for pair in together["pairs"]], abs=1e-4
+    )
+    assert (len(found["passages"]), found["verdict"]) == (2, together["verdict"])
+
+
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
@@ -111,7 +122,21 @@ def test_files_that_do_not_belong_together_are_refused(run, failure, two, passed
     assert one["detail"] == "the scanner has 2 pairs: give a file for each, not 1"
     run("simulate", "l-shape", "--pairs", two, "--rows", 2, "--passages", 1, "-o", tmp_path / "once.h5")
     other = failure("calibrate-pairs", two, passed[0], tmp_path / "once-2.h5", *BOARD)
-    assert other["detail"] == "once-2.h5 has 1 passages, and the file before 2"
+    assert other["detail"] == "pair 2 has 1 passages in its file, and pair 1 has 2"
+    (tmp_path / "letter.h5").write_text("this is no scan")
+    letter = failure("calibrate-pairs", two, *passed, passed[0], tmp_path / "letter.h5", *BOARD)
+    assert letter["detail"].startswith("pair 2, passage 2: ")
+    few = tmp_path / "few.json"
+    few.write_text(two.read_text().replace('"num_detector_pixels": 384', '"num_detector_pixels": 30'))
+    for pairs, views, sentence in (
+        (two, np.tile(np.hanning(384), (60, 1)), "pair 1 has 60 views in its file, and a calibration takes at most 12"),
+        (two, np.ones((1, 384)), "pair 1: no row shows anything but air"),
+        (few, np.hanning(30)[None], "pair 1 has 30 cells, and at least 32 are needed"),
+    ):
+        np.save(tmp_path / "lines.npy", views)
+        scans = [tmp_path / "lines.npy"] * 2
+        refusal = failure("calibrate-pairs", pairs, *scans, *BOARD[2:], "--data", "line-integrals")
+        assert refusal["detail"].startswith(sentence)
     assert one["code"] == other["code"] == "contradiction"
 
 

@@ -7,10 +7,11 @@ from functools import cache
 from itertools import product
 
 import pytest
-from results import FRAME, THETA, calibration_result, comparison
+from results import FRAME, THETA, calibration_result, comparison, fixed_pairs_result
 
 from sawmill_contracts.alarms import AlarmKind
 from sawmill_contracts.calibrations import CalibrationResult
+from sawmill_contracts.fixed_pairs import FixedPairsResult
 from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.scanners import Tolerances
 from sawmill_mill.anything_moved import AnythingMoved, StandIn
@@ -20,6 +21,7 @@ from sawmill_mill.scanner_state import Calibrated, Checked, ScannerState
 from sawmill_mill.two_questions import Answer, TwoQuestions
 from sawmill_vocabulary.calibration_messages import CalibrationMessage
 from sawmill_vocabulary.movement_messages import LogMessage, MovementMessage
+from sawmill_vocabulary.pair_messages import PairMessage
 from sawmill_vocabulary.scan_messages import EffectMessage
 
 NOON = datetime(2026, 3, 2, 12, 0, tzinfo=UTC)
@@ -285,6 +287,13 @@ def test_each_answer_has_a_word_and_a_whole_sentence(changes, rays, millimetres)
     for sentence in (both.rays.sentence(), both.millimetres.sentence()):
         assert sentence.endswith(".")
         assert "%(" not in sentence
+
+
+def test_an_uncertain_scale_of_fixed_pairs_speaks_against_no_ray():
+    scale = [CodedReason.of(PairMessage.SCALE(percent=0.7, allowed_percent=0.5))]
+    uncertain = fixed_pairs_result(coded_reasons=scale, upper_95_mm=0.05, scale_uncertainty_percent=0.7)
+    both = [TwoQuestions.of_pairs(FixedPairsResult.model_validate(each)) for each in (uncertain, fixed_pairs_result())]
+    assert [(one.rays.answer, one.millimetres.answer) for one in both] == [("yes", "look"), ("look", "yes")]
 
 
 def test_an_answer_of_an_earlier_version_is_held_against_the_scanner():

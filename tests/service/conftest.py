@@ -25,6 +25,7 @@ from scan_files import new_volume
 from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import CalibrationRequest
 from sawmill_contracts.drifts import DriftRequest
+from sawmill_contracts.fixed_pairs import DECLARATION, FixedPairsRequest
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.inspections import InspectionOptions
 from sawmill_contracts.phantoms import PhantomDrawing
@@ -253,6 +254,7 @@ class FakeWorker:
     finish_drift = partialmethod(_answer, results.drift_result)
     finish_inspection = partialmethod(_answer, results.inspection_result)
     finish_plan = partialmethod(_answer, results.plan_result)
+    finish_fixed_pairs = partialmethod(_answer, results.fixed_pairs_result)
 
     def _finish(self, write: Callable[[Path], None], result: dict[str, Any]) -> None:
         claim = self.claim()
@@ -290,10 +292,13 @@ def seed(store: Store, worker: FakeWorker) -> None:
     worker.finish_plan()
     store.drifts.accept(DriftRequest(scan_id="example"), identifier="example")
     worker.finish_drift()
-    for inspection_id in ("example", "example-spare"):
+    for inspection_id in ("example", "example-spare", "example-pair-1", "example-pair-2"):
         received = store.files.receive([b"original"], max_bytes=100)
         store.inspections.accept_file(InspectionOptions(), received, identifier=inspection_id)
         worker.finish_inspection()
+    ask = FixedPairsRequest.model_validate(DECLARATION.to_ask.example["body"])
+    store.asked(DECLARATION).accept(ask, identifier="example-pairs")
+    worker.finish_fixed_pairs()
     for upload_id in ("example", "example-spare"):
         store.uploads.create(UploadRequest(size_bytes=2**20), UploadQuota(2, 2**21, 2**30), identifier=upload_id)
     for schedule_id in ("example", "example-spare"):

@@ -10,6 +10,7 @@ from PIL import Image
 from results import SCANNER_SPEC, THETA, written_by_its_job
 
 from sawmill_contracts import kinds
+from sawmill_contracts.fixed_pairs import DECLARATION
 from sawmill_contracts.reconstructions import StoredReconstructionOptions
 from sawmill_platform.errors import NotFound
 from sawmill_service.drawing import CalibrationPicture, calibration_picture
@@ -23,6 +24,7 @@ KINDS = {
     "drift": ("/v1/drifts", EXAMPLE | {"rows": "0:2"}, KNOWN, ()),
     "reconstruction": ("/v1/reconstructions", EXAMPLE | {"size": 32}, KNOWN, LINKS),
     "plan": (PLANS, {"scanner_id": "example", "views": 20}, ("phantom_id", "l-shape"), ()),
+    "fixed-pairs": ("/v1/fixed-pairs", DECLARATION.to_ask.example["body"], ("phantom_id", "l-shape"), ["ring"]),
     "calibration": ("/v1/calibrations", EXAMPLE | {"seed": 11}, ("phantom_id", "l-shape"), ["report"]),
 }
 
@@ -39,7 +41,7 @@ def test_it_is_accepted_waited_for_and_answered(seeded, worker, woken, kind):
     assert queued["options"][name] == value
     for link in without:
         assert seeded.get(queued["links"][link]).json()["code"] == f"{kind}-without-result"
-    getattr(worker, f"finish_{kind}")()
+    getattr(worker, f"finish_{kind.replace('-', '_')}")()
     answer = seeded.get(address).json()
     assert answer["state"] == "succeeded"
     # The report takes seconds to draw; `test_openapi` asks for it.

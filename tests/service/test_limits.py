@@ -343,7 +343,8 @@ def test_of_many_at_once_exactly_as_many_are_accepted_as_there_are_places(each_s
 
 
 WITH_FILE = ("inspect_file", "upload_phantom_picture", "upload_scan")
-ASKING = ("create_calibration", "create_drift", "create_plan", "create_reconstruction", *WITH_FILE)
+QUEUED = ("calibration", "drift", "fixed_pairs", "plan", "reconstruction")
+ASKING = (*(f"create_{each}" for each in QUEUED), *WITH_FILE)
 
 
 def test_each_way_to_ask_for_a_job_is_refused_and_nothing_is_made(full, store):

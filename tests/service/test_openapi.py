@@ -222,13 +222,13 @@ DONE = {"create": "created", "delete": "deleted", "discard": "discarded", "repla
 DONE |= {"rotate": "rotated", "test": "tested"}
 
 
-ASKED = {f"create_{declared.noun}" for declared in asked_kinds()}
+ASKED = {f"create_{declared.noun.replace('-', '_')}": declared.noun for declared in asked_kinds()}
 
 
 def followed_by(operation_id: str) -> tuple[str, str]:
     verb, _, noun = operation_id.partition("_")
     return FOLLOWED_BY.get(operation_id) or (
-        ("queued", noun) if operation_id in ASKED else (f"{noun}-{DONE[verb]}", noun)
+        ("queued", ASKED[operation_id]) if operation_id in ASKED else (f"{noun}-{DONE[verb]}", noun)
     )
 
 

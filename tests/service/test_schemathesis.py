@@ -32,6 +32,8 @@ BEYOND_SCHEMAS = re.compile(
     r"|is a polygon that "
     r"|is a hole from x = \S+ to \S+ mm: the wood is from "
     r"|densities times their areas add up to \S+ mm\u00b2: wood must outweigh holes"
+    r"|inspection_ids has \d+ files for \d+ pairs"
+    r"|source_to_detector_mm \S+ must be larger than source_distance_mm"
     r"|averaged_rows goes with line-integrals, not counts"
     r"|align_rows \S+ moves rows, which averaged_rows says are averaged"
     r"|expires_at must lie ahead"

@@ -202,7 +202,8 @@ def test_one_button_removes_the_examples_and_all_that_was_made_of_them(examples,
     worker.finish_calibration()
     assert (store.jobs.get(job).state, examples.post("/examples/delete").headers["Location"]) == ("succeeded", "/")
     assert rows(examples) == {}
-    for kind in ("scans", "calibrations", "reconstructions", "drifts", "plans", "inspections", "schedules"):
+    kinds = "scans calibrations reconstructions drifts plans inspections fixed-pairs schedules"
+    for kind in kinds.split():
         assert examples.get(f"/v1/{kind}").json()["items"] == [], kind
     assert "example-spare" not in {each.id for each in store.phantoms.page().items}
     assert "Remove the examples" not in examples.get("/").text

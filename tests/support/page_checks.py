@@ -56,6 +56,13 @@ def small_targets(page: Page) -> list[str]:
     return page.evaluate(SMALL_TARGETS, SMALLEST_TARGET_PX)
 
 
+def looks_right(page: Page, name: str) -> None:
+    """A glove hits it, on a telephone too; `test_every_page` looks at other widths."""
+    page.set_viewport_size({"width": 390, "height": 844})
+    shot(page, f"{name}-390")
+    assert overflowing(page) + small_targets(page) == []
+
+
 def page_bytes(page: Page, path: str) -> int:
     """Of a page's HTML, styles and scripts, as they are sent; its scripts' imports too."""
     seen: dict[str, int] = {}

@@ -10,6 +10,7 @@ import numpy as np
 
 from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import CalibrationResult
+from sawmill_contracts.reasons import CodedReason
 from sawmill_formats.nexus import PACKED
 from sawmill_formats.output.calibration_file import write_calibration
 from sawmill_platform.contracts.base import Contract
@@ -19,6 +20,7 @@ from sawmill_platform.files.verified_results import compute_digest
 from sawmill_platform.jobs.job_store import Claim
 from sawmill_store.store import Store
 from sawmill_vocabulary import SourceFrame, Theta
+from sawmill_vocabulary.pair_messages import PairMessage
 
 CONSTANTS = {"source_to_cor_mm": 859.46, "num_detector_pixels": 768, "detector_pitch_mm": 1.5}
 SCANNER_FORM = {name: str(value) for name, value in CONSTANTS.items()} | {"name": "Line 2"}
@@ -85,6 +87,19 @@ def drift_result(**changes: Any) -> dict[str, Any]:
     return {**found, **rays, **judged, **turn, **about, **given} | changes
 
 
+def fixed_pairs_result(**changes: Any) -> dict[str, Any]:
+    """Two pairs after one passage: not precise enough yet."""
+    rays = {"predicted_rms_mm": 0.2, "upper_95_mm": 0.31}
+    deviation = dict.fromkeys(FRAME, 0.1)
+    pair = {"source_frame": FRAME, "standard_deviation": deviation, "cell_order": "clockwise", "order_deviations": 9.5}
+    roll = PairMessage.ROLL_AGAIN(upper_mm=0.31, allowed_mm=0.1, rms_mm=0.2, passages=1)
+    judged = {"verdict": "watch", "reasons": [str(roll)], "coded_reasons": [CodedReason.of(roll).model_dump()]}
+    board = {"passages": [{"x_mm": 1.0, "y_mm": -2.0, "roll_deg": 30.0}], "phantom": "L-shape", "log_radius_mm": 180.0}
+    board |= {"outline_mm": [[(-90.0, -90.0), (90.0, -90.0), (0.0, 90.0)]], "rows": [(1, 11)] * 2, "options": {}}
+    fit = {"scale_uncertainty_percent": 0.4, "corners_rms_mm": 0.1, "residual_percent": 0.5}
+    return {**rays, "pairs": [pair | rays] * 2, **judged, **board, **fit} | changes
+
+
 def inspection_result(**changes: Any) -> dict[str, Any]:
     missing = {"name": "what the numbers are", "flag": "--data counts", "field": "data", "why": "never guessed"}
     part = {"name": "projections", "kind": "array", "shape": (12, 4, 16), "type": "uint16"}
@@ -105,6 +120,7 @@ RESULTS: dict[JobKind, Callable[..., dict[str, Any]]] = {
     kinds.PLAN: plan_result,
     kinds.DRIFT: drift_result,
     kinds.INSPECT: inspection_result,
+    kinds.CALIBRATE_PAIRS: fixed_pairs_result,
     kinds.TRACE_PHANTOM: lambda: {"name": "traced", "shapes": [{"kind": "disc", "center_mm": (0, 0), "radius_mm": 50}]},
 }
 

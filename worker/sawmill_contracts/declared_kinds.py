@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from sawmill_contracts import calibrations, drifts, inspections, phantoms, plans, reconstructions, scans
+from sawmill_contracts import calibrations, drifts, fixed_pairs, inspections, phantoms, plans, reconstructions, scans
 from sawmill_contracts.kinds import AskedKind
 from sawmill_platform.contracts.kind_declarations import KindDeclaration, declare
 
@@ -14,6 +14,7 @@ KINDS: tuple[KindDeclaration, ...] = (
     plans.DECLARATION,
     drifts.DECLARATION,
     inspections.DECLARATION,
+    fixed_pairs.DECLARATION,
 )
 declare(KINDS)
 

@@ -54,6 +54,7 @@ ASKS = frozenset(
         "empty-slice",
         "flat-scan",
         "geometry",
+        "inspection-deleted",
         "log-cut-off",
         "log-not-found",
         "metal-in-log",

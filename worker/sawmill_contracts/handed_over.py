@@ -1,4 +1,4 @@
-"""Input of an attempt, which the worker hands to the attempt's process: rows as stored at its start, and two paths.
+"""Input of an attempt, which the worker hands to the attempt's process: rows as stored at its start, and paths.
 
 The process reads untrusted files, so it has access neither to the database nor to the data folder.
 """

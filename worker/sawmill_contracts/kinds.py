@@ -32,6 +32,8 @@ class Reference(StrEnum):
     """`scan_id`; the scan's scanner comes with it."""
     SCANNER = "scanner"
     """`scanner_id`."""
+    INSPECTION = "inspection"
+    """`inspection_ids`; their files stay until the job has ended."""
     PHANTOM = "phantom"
     """`phantom_id`, or the phantom that the scan names."""
     CALIBRATION = "calibration"
@@ -81,6 +83,11 @@ class AskedKind(KindDeclaration, Generic[Ask, Answer]):
     stall_s: int = 1800
     lighter: str = "ask for fewer rows, fewer views or a smaller size"
 
+    @property
+    def id_name(self) -> str:
+        """Name of the parameter of paths that has an id."""
+        return f"{self.noun.replace('-', '_')}_id"
+
 
 def stored_as(answer: type[Answer]) -> Callable[[Mapping[str, Any]], Answer]:
     """Read a stored record as a contract whose fields have the record's names."""
@@ -94,3 +101,4 @@ RECONSTRUCT = JobKind.register("reconstruct", "reconstructions")
 PLAN = JobKind.register("plan", "plans")
 DRIFT = JobKind.register("drift", "drifts")
 INSPECT = JobKind.register("inspect", "inspections")
+CALIBRATE_PAIRS = JobKind.register("calibrate-pairs", "fixed-pairs")

@@ -11,10 +11,12 @@ from types import MappingProxyType
 from typing import Self
 
 from sawmill_contracts.calibrations import CalibrationLimits, CalibrationResult
+from sawmill_contracts.fixed_pairs import FixedPairsResult
 from sawmill_contracts.plans import PlanResult
 from sawmill_contracts.scanners import Tolerances
 from sawmill_vocabulary import CalibrationStatus, Verdict
 from sawmill_vocabulary.messages import N_
+from sawmill_vocabulary.pair_messages import PairMessage
 
 Words = Callable[[str], str]
 Written = Callable[[float], str]
@@ -188,6 +190,20 @@ class TwoQuestions:
                 limit_percent=None if limits is None else limits.scale_tolerance_percent,
                 diameter_mm=2.0 * result.radius_mm,
                 contradicted=status is CalibrationStatus.INCONSISTENT_SCALE,
+            ),
+        )
+
+    @classmethod
+    def of_pairs(cls, result: FixedPairsResult) -> Self:
+        """Ask about the calibration of a scanner of fixed pairs; the scale alone speaks against no ray."""
+        of_rays = {reason.code for reason in result.coded_reasons} - {PairMessage.SCALE, PairMessage.BACKWARDS}
+        limits = result.options
+        return cls(
+            RaysRight(result.upper_95_mm, limits.tolerance_mm, result.verdict if of_rays else "pass"),
+            MillimetresRight(
+                percent_95=result.scale_uncertainty_percent,
+                limit_percent=limits.scale_tolerance_percent,
+                diameter_mm=2.0 * result.log_radius_mm,
             ),
         )
 

@@ -13,6 +13,7 @@ from functools import partial
 from pathlib import Path
 
 from sqlalchemy import or_, select
+from sqlalchemy.orm import InstrumentedAttribute, aliased
 
 from sawmill_contracts import kinds
 from sawmill_contracts.declared_kinds import asked_kinds
@@ -21,7 +22,7 @@ from sawmill_contracts.phantoms import PhantomState
 from sawmill_contracts.scans import ScanState
 from sawmill_platform.contracts.jobs import UNFINISHED, JobKind, JobState
 from sawmill_platform.database.clock import Clock
-from sawmill_platform.database.tables import JobRow
+from sawmill_platform.database.tables import JobDependencyRow, JobRow
 from sawmill_platform.files.file_store import UPLOADED_FILE, FileStore
 from sawmill_platform.files.named_folders import Ids, NamedFolder
 from sawmill_store.mill_tables import AskedRow, PhantomRow, ScanRow, table_of
@@ -42,9 +43,17 @@ class MillFiles(FileStore):
         return self.result(kinds.RECONSTRUCT, reconstruction_id, VOLUME_FILE)
 
 
+def unfinished_needing(job_id: InstrumentedAttribute[str] | str) -> Ids:
+    """Select the unfinished jobs that need a job, by its id or by a column with ids."""
+    needing = aliased(JobRow)
+    dependent = select(needing.id).join(JobDependencyRow, JobDependencyRow.job_id == needing.id)
+    return dependent.where(JobDependencyRow.needs_job_id == job_id, needing.state.in_(UNFINISHED))
+
+
 def _inspected(now: Clock) -> Ids:
-    """Select the inspections whose file is kept: for `FILE_KEPT`, and longer while the job has not ended."""
-    kept = or_(AskedRow.created_at > now() - FILE_KEPT, JobRow.state.in_(UNFINISHED))
+    """Select the inspections whose file is kept: for `FILE_KEPT`, and longer while a job needs it."""
+    needed = unfinished_needing(AskedRow.job_id).correlate(AskedRow).exists()
+    kept = or_(AskedRow.created_at > now() - FILE_KEPT, JobRow.state.in_(UNFINISHED), needed)
     return select(AskedRow.id).join(AskedRow.job).where(JobRow.kind == kinds.INSPECT, kept)
 
 

@@ -44,7 +44,7 @@ class FixedPair(AsContract):
     )
     num_detector_pixels: int = field(metadata=_CELLS["num_detector_pixels"])
     detector_pitch_mm: float = field(metadata=_CELLS["detector_pitch_mm"])
-    cor_column_mm: float = _length("Where the ray through the centre meets the detector, mm from its middle.")
+    cor_column_mm: float = _length("Point of the detector that the ray through the centre meets, mm from its middle.")
     detector_tilt_deg: float = field(
         default=0.0,
         metadata={

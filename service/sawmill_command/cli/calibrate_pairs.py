@@ -18,7 +18,9 @@ PairsFile = typer.Argument(
     metavar="PAIRS.json", exists=True, dir_okay=False, help="The nominal places of the pairs (docs/do/fixed-pairs.md)."
 )
 PairScans = typer.Argument(
-    metavar="SCAN...", exists=True, help="A file for each pair, in their order: views are passages, rows the feed."
+    metavar="SCAN...",
+    exists=True,
+    help="A file for each pair, in their order: views are passages, rows the feed; such files of more passages.",
 )
 ReportFlag = typer.Option(
     metavar="OUT.png", dir_okay=False, callback=shared.writable, help="Draw the ring of pairs with the error of each."

@@ -1,7 +1,7 @@
 """Routes of all pages; a page with a place in the header is in `navigation` too."""
 
 from sawmill_service import retention
-from sawmill_service.pages import jobs, logs, problem_pages, scans
+from sawmill_service.pages import fixed_pairs, jobs, logs, problem_pages, scans
 from sawmill_service.pages.calibrate import calibrate, report
 from sawmill_service.pages.frame import page_frame
 from sawmill_service.pages.help import help as help_pages
@@ -12,6 +12,7 @@ from sawmill_service.pages.system import system, webhooks
 PAGES = (
     calibrate.router,
     comparison.router,
+    fixed_pairs.router,
     help_pages.router,
     jobs.router,
     logs.router,

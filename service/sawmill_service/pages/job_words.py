@@ -44,6 +44,9 @@ STAGES = {
     "pair rays": marked("Comparing opposite rays"),
     "reconstruct": marked("Computing the slices"),
     "trace": marked("Finding the outline in the picture"),
+    "start": marked("Searching for the geometry"),
+    "fit": marked("Searching for the geometry"),
+    "bounds": marked("Searching for the geometry"),
     "result": marked("Writing the result"),
     "store": marked("Writing the result"),
 }
@@ -51,6 +54,7 @@ STAGES = {
 _MADE = {
     kinds.INGEST: ("/scans/{}", marked("Open the scan")),
     kinds.CALIBRATE: ("/calibrations/{}/report", marked("Report")),
+    kinds.CALIBRATE_PAIRS: ("/fixed-pairs/{}", marked("Open the result")),
     kinds.RECONSTRUCT: ("/logs/{}", marked("Open the log")),
     kinds.TRACE_PHANTOM: ("/phantoms/{}", marked("Open the phantom")),
 }

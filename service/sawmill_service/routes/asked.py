@@ -33,6 +33,7 @@ def routers() -> list[Router]:
 def _router(declared: AskedKind[Any, Any]) -> Router:
     router = Router(tags=[declared.tag or declared.kind.plural], reading=Scope.READ)
     folder = f"/v1/{declared.kind.plural}"
+    noun, plural = (name.replace("-", "_") for name in (declared.noun, declared.kind.plural))
     stored = part(lambda store: store.asked(declared))
 
     def ask(
@@ -57,7 +58,7 @@ def _router(declared: AskedKind[Any, Any]) -> Router:
         return page.model_copy(update={"items": [linked(declared, item) for item in page.items]})
 
     async def get(
-        identifier: Annotated[Identifier, Path(alias=f"{declared.noun}_id")],
+        identifier: Annotated[Identifier, Path(alias=declared.id_name)],
         asked: Annotated[Asked[Any, Any], stored],
         waiting: TheWaiting,
     ) -> Any:  # noqa: ANN401 - the kind's answer
@@ -69,19 +70,19 @@ def _router(declared: AskedKind[Any, Any]) -> Router:
     one, many = declared.answer, Page.__class_getitem__(declared.answer)
     if declared.upload is None:
         answers = announced(declared.ask) | refuses_ask(declared)
-        asking = _described(f"create_{declared.noun}", one, declared.to_ask, answers)
+        asking = _described(f"create_{noun}", one, declared.to_ask, answers)
         # By its declaration, an ask may need more: `ask` checks that.
         asking |= {"methods": ["POST"], "status_code": 202, "needs": Scope.SUBMIT}
         router.add_api_route(declared.asked_at or folder, repeatable(ask), **asking)
     router.add_api_route(
         folder,
         list_all,
-        **_described(f"list_{declared.kind.plural}", many, declared.to_list, refuses("invalid-cursor")),
+        **_described(f"list_{plural}", many, declared.to_list, refuses("invalid-cursor")),
     )
     router.add_api_route(
-        f"{folder}/{{{declared.noun}_id}}",
+        f"{folder}/{{{declared.id_name}}}",
         get,
-        **_described(f"get_{declared.noun}", one, declared.to_get, refuses(f"{declared.noun}-not-found")),
+        **_described(f"get_{noun}", one, declared.to_get, refuses(f"{declared.noun}-not-found")),
     )
     return router
 

@@ -1,5 +1,6 @@
 """Debian's Chromium before the service: its loop runs in the tests' thread, which so can use no `asyncio.run`."""
 
+import re
 import shutil
 import threading
 import time
@@ -9,6 +10,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from urllib.parse import urlsplit
 
+import live_service
 import pytest
 import uvicorn
 from missing_parts import skip_without
@@ -114,6 +116,25 @@ def serve(
 ) -> Callable[[int], AbstractContextManager[int]]:
     """Runs the service on a port, or on a free one where that is 0, for as long as a test wants."""
     return partial(serving, store, settings, times=stream_times)
+
+
+@pytest.fixture
+def service(tmp_path):
+    """`sawmill serve` on an empty data folder."""
+    variables = live_service.Offline(tmp_path).variables | {"SAWMILL_STOP_GRACE_S": "1"}
+    with live_service.serving(tmp_path, variables, "--no-examples") as started:
+        yield started
+
+
+@pytest.fixture
+def page(browser, service):
+    """A tablet, which asks no other host for anything."""
+    context = browser.new_context(base_url=str(service.client.base_url), viewport={"width": 800, "height": 1100})
+    hosts = set()
+    context.on("request", lambda request: hosts.add(re.sub(r"^\w+://([^/]*).*", r"\1", request.url)))
+    yield context.new_page()
+    context.close()
+    assert hosts <= {service.client.base_url.netloc.decode()}
 
 
 @contextmanager

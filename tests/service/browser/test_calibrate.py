@@ -4,9 +4,9 @@ import re
 
 import numpy as np
 import pytest
-from live_service import SCANNER, Offline, serving
-from page_checks import overflowing, shot, small_targets
-from playwright.sync_api import Page, Route, expect
+from live_service import SCANNER
+from page_checks import looks_right
+from playwright.sync_api import Route, expect
 
 from sawmill_contracts.calibrations import CalibrationRequest
 from sawmill_contracts.scans import ScanSpec
@@ -37,39 +37,15 @@ def scan_path(tmp_path_factory):
     return path
 
 
-@pytest.fixture
-def service(tmp_path):
-    with serving(tmp_path, {**Offline(tmp_path).variables, "SAWMILL_STOP_GRACE_S": "1"}, "--no-examples") as started:
-        yield started
-
-
-@pytest.fixture
-def page(browser, service):
-    """A tablet, which asks no other host for anything."""
-    context = browser.new_context(base_url=str(service.client.base_url), viewport={"width": 800, "height": 1100})
-    hosts = set()
-    context.on("request", lambda request: hosts.add(re.sub(r"^\w+://([^/]*).*", r"\1", request.url)))
-    yield context.new_page()
-    context.close()
-    assert hosts <= {service.client.base_url.netloc.decode()}
-
-
-def looks_right(page: Page, name: str) -> None:
-    """A glove hits it, on a telephone too; `test_every_page` looks at other widths."""
-    page.set_viewport_size({"width": 390, "height": 844})
-    shot(page, f"calibrate-{name}-390")
-    assert overflowing(page) + small_targets(page) == []
-
-
 def test_from_an_empty_folder_to_the_accepted_calibration(page, service, scan_path):
     page.goto("/calibrate")
-    looks_right(page, "file")
+    looks_right(page, "calibrate-file")
 
     # A file that is no scan, dropped anywhere on the page, once its script listens.
     page.wait_for_load_state("load")
     page.evaluate(DROP, "Dear editor, " * 100)
     expect(page.get_by_role("heading", name="The file is no scan that the service can read")).to_be_visible()
-    looks_right(page, "refused")
+    looks_right(page, "calibrate-refused")
     page.get_by_role("link", name="Choose another file").click()
 
     # An upload that is cancelled: once before the service has answered that it waits for the file, once after.
@@ -127,7 +103,7 @@ def test_from_an_empty_folder_to_the_accepted_calibration(page, service, scan_pa
     page.get_by_label("Detector pitch").fill(str(SCANNER.detector_pitch_mm).replace(".", ","))
     page.get_by_role("button", name="Add this scanner").click()
     expect(page.get_by_text("Source to turning axis: This is needed.")).to_be_visible()
-    looks_right(page, "new-scanner")
+    looks_right(page, "calibrate-new-scanner")
     page.get_by_label("Source to turning axis").fill(str(SCANNER.source_to_cor_mm))
     page.get_by_role("button", name="Add this scanner").click()
     page.get_by_role("link", name="Another phantom").click()
@@ -137,12 +113,12 @@ def test_from_an_empty_folder_to_the_accepted_calibration(page, service, scan_pa
     expect(page.get_by_label("Line 2")).to_be_checked()
     expect(page.get_by_label("At which angles were the views taken")).to_have_value("3:six")
     page.get_by_label(re.compile("l-shape", re.IGNORECASE)).check()
-    looks_right(page, "questions")
+    looks_right(page, "calibrate-questions")
     page.keyboard.press("Enter")
     expect(page.get_by_role("heading", name="The angles cannot be read")).to_be_visible()
     page.get_by_text("Details", exact=True).click()
     expect(page.get_by_text("an angle must be a number of degrees, not 'six'")).to_be_visible()
-    looks_right(page, "failed")
+    looks_right(page, "calibrate-failed")
 
     # The same file with other answers: nothing is sent again, and a reload comes back to the search.
     page.get_by_role("link", name="Try again with other answers").click()
@@ -154,7 +130,7 @@ def test_from_an_empty_folder_to_the_accepted_calibration(page, service, scan_pa
     page.reload()
     expect(page.get_by_role("heading", name="Are the rays right?")).to_be_visible()
     expect(page.get_by_text("In 95 of 100 cases the rays are off by less than")).to_be_visible()
-    looks_right(page, "result")
+    looks_right(page, "calibrate-result")
     accept, outlined = page.get_by_role("button", name="Accept"), page.get_by_role("button", name="Enlarge the picture")
     assert outlined.bounding_box()["y"] + outlined.bounding_box()["height"] < accept.bounding_box()["y"]
     outlined.click()
@@ -197,7 +173,7 @@ def test_the_search_is_followed_live_and_cancelled(site, store):
     expect(stage).to_have_text("Searching for the geometry")
     expect(page.get_by_role("progressbar")).to_have_js_property("value", 0.4)
     expect(page.locator("#follow-more")).to_contain_text("best value so far: 0.0123")
-    looks_right(page, "search")
+    looks_right(page, "calibrate-search")
     page.get_by_role("button", name="Cancel").click()
     while not store.jobs.heartbeat(claim):
         page.wait_for_timeout(10)
@@ -217,7 +193,7 @@ def test_the_page_goes_on_when_a_phantom_s_scan_comes_and_its_button_sends_once_
         worker.finish_scan()
     page.wait_for_url(f"**/calibrate?scanner=example&scan={scan.id}")
     expect(page.get_by_label(re.compile("l-shape", re.IGNORECASE))).to_be_checked()
-    looks_right(page, "arrived")
+    looks_right(page, "calibrate-arrived")
     page = site.open("/calibrate?scan=example")
     button = page.get_by_role("main").get_by_role("button", name="Calibrate")
     assert button.evaluate("button => { button.click(); return button.disabled; }")

@@ -344,8 +344,9 @@ def check(attempt: Attempt, answer: dict[str, Any]) -> None:
 
 def run(attempt: Attempt) -> dict[str, Any]:
     given = attempt.given
-    if attempt.job.kind in {kinds.INGEST, kinds.INSPECT, kinds.TRACE_PHANTOM}:
-        return BEHAVIOURS[first_word(given.file)](attempt)
+    if attempt.job.kind in {kinds.INGEST, kinds.INSPECT, kinds.TRACE_PHANTOM, kinds.CALIBRATE_PAIRS}:
+        *_, asked_for = map(first_word, given.readable)
+        return BEHAVIOURS[asked_for](attempt)
     named = (each.name for each in (given.phantom, given.scanner) if each is not None and each.name in BEHAVIOURS)
     unnamed = "write-a-volume" if attempt.job.kind is kinds.RECONSTRUCT else "refuse"
     return BEHAVIOURS[next(named, unnamed)](attempt)

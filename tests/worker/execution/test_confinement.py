@@ -11,9 +11,10 @@ from missing_parts import both_ways, skip_without
 from results import SCANNER_SPEC, THETA, succeed
 from structlog.testing import capture_logs
 
-from sawmill_contracts import kinds
+from sawmill_contracts import fixed_pairs, kinds
 from sawmill_contracts.calibrations import CalibrationRequest
 from sawmill_contracts.drifts import DriftRequest
+from sawmill_contracts.fixed_pairs import FixedPairsRequest
 from sawmill_contracts.geometry import GivenTheta
 from sawmill_contracts.inspections import InspectionOptions
 from sawmill_contracts.phantoms import BUILT_IN_PHANTOMS, PhantomPicture
@@ -52,7 +53,9 @@ def one_of_each(store):
     store.reconstructions.accept(ReconstructionRequest(scan_id=scan, calibration_id=calibration))
     store.plans.accept(PlanRequest(scanner_id=scanner, theta=GivenTheta(**THETA)), given={"phantom_id": "l-shape"})
     store.drifts.accept(DriftRequest(scan_id=scan, calibration_id=calibration))
-    store.inspections.accept_file(InspectionOptions(), upload(), name="tell-all")
+    inspection = store.inspections.accept_file(InspectionOptions(), upload(), name="tell-all").id
+    pairs = fixed_pairs.DECLARATION.to_ask.example["body"] | {"inspection_ids": [inspection] * 2}
+    store.asked(fixed_pairs.DECLARATION).accept(FixedPairsRequest.model_validate(pairs))
 
 
 @pytest.fixture

@@ -1,7 +1,8 @@
 """Calibration of a scanner of fixed pairs, as commands and Python users ask for it."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,10 +10,16 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from sawmill_calibration.failures import input_errors_translated, options_of, read_json, refused
+from sawmill_calibration.failures import InputError, input_errors_translated, options_of, read_json, refused
 from sawmill_calibration.known_geometry import drawing_of, to_phantom
 from sawmill_calibration.scans.scan_rows import ScanRows, ScanSource, open_rows, part_of
-from sawmill_contracts.fixed_pairs import BoardPose, CalibratedPair, FixedPairsOptions, FixedPairsResult
+from sawmill_contracts.fixed_pairs import (
+    MOST_PASSAGES,
+    BoardPose,
+    CalibratedPair,
+    FixedPairsOptions,
+    FixedPairsResult,
+)
 from sawmill_contracts.geometry import ReportedSourceFrame, SourceFrameDeviation
 from sawmill_contracts.phantoms import PhantomDrawing
 from sawmill_contracts.reasons import CodedReason
@@ -23,7 +30,7 @@ from sawmill_tomography.pairs.calibrate import FoundPair, FoundPairs, PairsTask,
 from sawmill_tomography.pairs.passages import PairData
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.projection.analytic import DetectorCells
-from sawmill_vocabulary import DataKind, Handedness, PairedScanner, ProgressCallback
+from sawmill_vocabulary import DataKind, FixedPair, Handedness, PairedScanner, ProgressCallback
 
 # Groups of rows along the feed that show how a board's pose changes, each of `FEWEST` rows or more.
 GROUPS, FEWEST = 3, 2
@@ -52,6 +59,7 @@ def calibrate_fixed_pairs(
     ----------
     scans : sequence of path
         A file for each pair, in the order of the scanner's: the views are the passages, the rows run along the feed.
+        Passages that were recorded apart have such files each, one passage after the other.
     scanner : PairedScanner, str or Path
         The nominal places of the pairs, or the path of their JSON file.
     phantom : Phantom, str or Path
@@ -70,49 +78,125 @@ def calibrate_fixed_pairs(
     """
     given = scanner if isinstance(scanner, PairedScanner) else read_paired_scanner(Path(scanner))
     drawing = phantom if isinstance(phantom, PhantomDrawing) else drawing_of(phantom)
-    chosen = options_of(FixedPairsOptions, options or {})
-    if len(scans) != len(given.pairs):
-        raise refused(
-            "contradiction", f"the scanner has {len(given.pairs)} pairs: give a file for each, not {len(scans)}"
-        )
+    sources = sources_of([Path(path) for path in scans], given, DataKind(data))
+    return calibrate_passages(sources, given, drawing, options_of(FixedPairsOptions, options or {}), on_progress)
+
+
+def sources_of(
+    paths: Sequence[Path], scanner: PairedScanner, data: DataKind, *, uploaded: bool = False
+) -> list[ScanSource]:
+    """Return how the files of passages are read.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        The files, as `calibrate_passages` takes them.
+    scanner : PairedScanner
+        The pairs, whose cells have the pitch of the files.
+    data : DataKind
+        Kind of the numbers in all files.
+    uploaded : bool
+        Whether a confined process reads them, which starts no other one.
+
+    Raises
+    ------
+    InputError
+        The number of files is no multiple of the number of pairs.
+    """
+    pairs = scanner.pairs
+    if not paths or len(paths) % len(pairs):
+        raise refused("contradiction", f"the scanner has {len(pairs)} pairs: give a file for each, not {len(paths)}")
+    wanted = [UnregisteredScanOptions(data=data, detector_pitch_mm=pair.detector_pitch_mm) for pair in pairs]
+    of_pairs = wanted * (len(paths) // len(pairs))
+    return [ScanSource(*each, turns=False, uploaded=uploaded) for each in zip(paths, of_pairs, strict=True)]
+
+
+def calibrate_passages(
+    sources: Sequence[ScanSource],
+    scanner: PairedScanner,
+    drawing: PhantomDrawing,
+    options: FixedPairsOptions,
+    on_progress: ProgressCallback,
+) -> FixedPairsResult:
+    """Find the geometry of all pairs of a scanner of fixed pairs: commands, Python users and jobs call it.
+
+    Parameters
+    ----------
+    sources : sequence of ScanSource
+        A file for each pair, or one for each in every passage, passage by passage (`sources_of`).
+    scanner : PairedScanner
+        The nominal places of the pairs.
+    drawing : PhantomDrawing
+        The board.
+    options : FixedPairsOptions
+        The side of the board and the tolerances.
+    on_progress : callable
+        Called with the progress of reading and of the fit.
+
+    Raises
+    ------
+    InputError
+        A file cannot be used; the sentence begins with its pair and, of several, its passage.
+    """
+    pairs = scanner.pairs
     drawn = to_phantom(drawing)
-    board = drawn if chosen.handedness is Handedness.AS_DRAWN else drawn.mirrored()
-    stacks: list[NDArray[np.float32]] = []
-    read: list[ScanRows] = []
+    board = drawn if options.handedness is Handedness.AS_DRAWN else drawn.mirrored()
+    files: list[list[_PassageFile]] = [[] for _ in pairs]
+    for number, source in enumerate(sources):
+        passage, pair = divmod(number, len(pairs))
+        report = part_of(on_progress, 0.5 * number / len(sources), 0.5 * (number + 1) / len(sources))
+        named = f"pair {pair + 1}" + (f", passage {passage + 1}" if len(sources) > len(pairs) else "")
+        with (
+            _named(named),
+            open_rows(source, source_to_cor_mm=pairs[pair].source_distance_mm, on_progress=report) as rows,
+        ):
+            files[pair].append(_PassageFile(rows, rows.stack()))
+        (shown, _, cells), (others, _, _) = (files[index][-1].stack.shape for index in (pair, 0))
+        if cells != pairs[pair].num_detector_pixels:
+            due = pairs[pair].num_detector_pixels
+            raise refused("other-detector", f"{named} has {cells} cells in its scan, and num_detector_pixels is {due}")
+        if shown * (len(sources) // len(pairs)) > MOST_PASSAGES:
+            raise refused(
+                "contradiction",
+                f"{named} has {shown} views in its file, and a calibration takes at most {MOST_PASSAGES} passages: is "
+                "it a scan of something that turns?",
+            )
+        if shown != others:
+            raise refused("contradiction", f"{named} has {shown} passages in its file, and pair 1 has {others}")
+    # Where every file shows the board's beginning, heights count from there; else the pairs' stated offsets hold.
+    begins = all(file.board.start > 1 for of_pair in files for file in of_pair)
+    lines = [_data_of(of_pair, pair, begins=begins) for of_pair, pair in zip(files, pairs, strict=True)]
+    middle = float(np.mean([one.heights_mm.mean() for one in lines]))
+    task = PairsTask(
+        scanner,
+        board,
+        [replace(one, heights_mm=one.heights_mm - middle) for one in lines],
+        all(file.rows.counts for of_pair in files for file in of_pair),
+        options.corner_tolerance_mm,
+        options.tolerance_mm,
+        options.scale_tolerance_percent,
+        options.log_radius_mm,
+    )
     with input_errors_translated():
-        for number, (path, pair) in enumerate(zip(scans, given.pairs, strict=True)):
-            wanted = UnregisteredScanOptions(data=DataKind(data), detector_pitch_mm=pair.detector_pitch_mm)
-            source, part = ScanSource(Path(path), wanted, turns=False), 0.5 / len(scans)
-            report = part_of(on_progress, part * number, part * (number + 1))
-            with open_rows(source, source_to_cor_mm=pair.source_distance_mm, on_progress=report) as rows:
-                stacks.append(rows.stack())
-                read.append(rows)
-            if len(stacks[-1]) != len(stacks[0]):
-                raise refused(
-                    "contradiction",
-                    f"{Path(path).name} has {len(stacks[-1])} passages, and the file before {len(stacks[0])}",
-                )
-        ranges = [board_rows(stack) for stack in stacks]
-        # Where every file shows the board's beginning, heights count from there; else the pairs' stated offsets hold.
-        begins = all(own.start > 1 for own in ranges)
-        lines = []
-        for stack, rows, own, pair in zip(stacks, read, ranges, given.pairs, strict=True):
-            pitch = rows.scanner.row_pitch_mm
-            begin_mm = 0.0 if begins else own.start * (pitch or 0.0) + pair.feed_offset_mm
-            lines.append(_data_of(stack[:, own], pitch, DetectorCells.of(pair.scanner), begin_mm))
-        middle = float(np.mean([one.heights_mm.mean() for one in lines]))
-        task = PairsTask(
-            given,
-            board,
-            [replace(one, heights_mm=one.heights_mm - middle) for one in lines],
-            all(rows.counts for rows in read),
-            chosen.corner_tolerance_mm,
-            chosen.tolerance_mm,
-            chosen.scale_tolerance_percent,
-            chosen.log_radius_mm,
-        )
         found = calibrate_pairs(task, on_progress=part_of(on_progress, 0.5, 1.0))
-    return _result(found, ranges, board, chosen)
+    return _result(found, [of_pair[0].board for of_pair in files], board, options)
+
+
+@contextmanager
+def _named(file: str) -> Iterator[None]:
+    """Begin the sentence of a refusal with the file's place among the others."""
+    try:
+        with input_errors_translated():
+            yield
+    except InputError as error:
+        raise refused(error.code, f"{file}: {error.detail}") from error
+
+
+class _PassageFile:
+    """One file of a pair: its rows, and which of them show the board."""
+
+    def __init__(self, rows: ScanRows, stack: NDArray[np.float32]) -> None:
+        self.rows, self.stack, self.board = rows, stack, board_rows(stack)
 
 
 def board_rows(stack: NDArray[np.float32]) -> slice:
@@ -120,18 +204,29 @@ def board_rows(stack: NDArray[np.float32]) -> slice:
     depth = np.nanmean(np.nanstd(stack, axis=2), axis=0)
     shadowed = np.concatenate([[False], depth > LEAST_SHADOW * float(np.nanmax(depth)), [False]])
     ends = np.flatnonzero(np.diff(shadowed.astype(int)))
+    if not ends.size:
+        raise refused("geometry", "no row shows anything but air: pass the board between source and detector")
     first, last = max(zip(ends[::2].tolist(), ends[1::2].tolist(), strict=True), key=lambda run: run[1] - run[0])
     own = segments(stack[:, first:last])[0]
     cut = 1 if own.stop - own.start > 2 + FEWEST * GROUPS else 0
     return slice(first + own.start + cut, first + own.stop - cut)
 
 
-def _data_of(stack: NDArray[np.float32], pitch_mm: float | None, cells: DetectorCells, begin_mm: float) -> PairData:
-    """Return the means over groups of rows, which begin at this height; without a pitch there is one group."""
-    groups = GROUPS if pitch_mm is not None and stack.shape[1] >= FEWEST * GROUPS else 1
-    parts = np.array_split(np.arange(stack.shape[1]), groups)
+def _data_of(files: Sequence[_PassageFile], pair: FixedPair, *, begins: bool) -> PairData:
+    """Return a pair's means over groups of rows that all its files show; without a row pitch there is one group."""
+    pitch_mm, ranges = files[0].rows.scanner.row_pitch_mm, [file.board for file in files]
+    if not begins:
+        ranges = [slice(max(own.start for own in ranges), min(own.stop for own in ranges))] * len(files)
+    count = min(own.stop - own.start for own in ranges)
+    if count < 1:
+        raise refused("rows-missing", "the passages show the board in rows that no two files share: begin them alike")
+    stack = np.concatenate([file.stack[:, own.start :][:, :count] for file, own in zip(files, ranges, strict=True)])
+    groups = GROUPS if pitch_mm is not None and count >= FEWEST * GROUPS else 1
+    parts = np.array_split(np.arange(count), groups)
     lines = np.stack([stack[:, part].mean(axis=1, dtype=np.float64) for part in parts], axis=1)
-    return PairData(bridged(lines), np.array([part.mean() * (pitch_mm or 0.0) + begin_mm for part in parts]), cells)
+    begin_mm = 0.0 if begins else ranges[0].start * (pitch_mm or 0.0) + pair.feed_offset_mm
+    heights_mm = np.array([part.mean() * (pitch_mm or 0.0) + begin_mm for part in parts])
+    return PairData(bridged(lines), heights_mm, DetectorCells.of(pair.scanner))
 
 
 def bridged(lines: FloatArray) -> FloatArray:

@@ -8,18 +8,19 @@ from matplotlib.figure import Figure
 
 from sawmill_calibration.pictures.panels import encoded
 from sawmill_contracts.fixed_pairs import CalibratedPair, FixedPairsResult
+from sawmill_vocabulary.messages import ENGLISH, N_, Reader
 
 # Half the length of a detector in the drawing, as a share of the source's distance.
 DETECTOR = 0.25
 COLOURS = ("tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purple", "tab:brown")
 
 
-def ring_png(result: FixedPairsResult) -> bytes:
+def ring_png(result: FixedPairsResult, reader: Reader = ENGLISH) -> bytes:
     """Draw the pairs in their common frame, x downwards and y to the right (docs/look-up/conventions.md#axes)."""
     figure = Figure(figsize=(7.5, 7.5), layout="constrained")
     ax = figure.add_subplot()
     for number, (pair, colour) in enumerate(zip(result.pairs, COLOURS, strict=False), 1):
-        _draw_pair(ax, pair, number, colour)
+        _draw_pair(ax, pair, reader.localised(f"{number}: {pair.upper_95_mm:.3f} mm"), colour)
     for number, passage in enumerate(result.passages):
         c, s = math.cos(math.radians(passage.roll_deg)), math.sin(math.radians(passage.roll_deg))
         for line in map(np.array, result.outline_mm):
@@ -27,10 +28,11 @@ def ring_png(result: FixedPairsResult) -> bytes:
             ax.plot(y, x, color="saddlebrown", alpha=1.0 - 0.7 * number / len(result.passages))
     turn = np.linspace(0.0, 2.0 * math.pi, 181)
     ax.plot(result.log_radius_mm * np.cos(turn), result.log_radius_mm * np.sin(turn), ":", color="grey")
-    ax.set_title(
-        f"{len(result.pairs)} pairs, {len(result.passages)} passages of {result.phantom}: {result.verdict}; rays "
-        f"{result.predicted_rms_mm:.3f} mm, 95 % below {result.upper_95_mm:.3f} mm"
+    title = reader.words(
+        N_("Pairs: %(pairs)d. Passages: %(passages)d. Rays: %(rms).3f mm, 95 %% below %(upper).3f mm.")
     )
+    counts = {"pairs": len(result.pairs), "passages": len(result.passages)}
+    ax.set_title(reader.localised(title % {**counts, "rms": result.predicted_rms_mm, "upper": result.upper_95_mm}))
     ax.set_xlabel("y, mm")
     ax.set_ylabel("x, mm")
     ax.invert_yaxis()
@@ -39,7 +41,7 @@ def ring_png(result: FixedPairsResult) -> bytes:
     return encoded(figure)
 
 
-def _draw_pair(ax: Axes, pair: CalibratedPair, number: int, colour: str) -> None:
+def _draw_pair(ax: Axes, pair: CalibratedPair, label: str, colour: str) -> None:
     """Draw a source, its detector, the ray through the centre, and the upper bound of the rays' error."""
     frame = pair.source_frame
     c, s = math.cos(frame.psi_rad), math.sin(frame.psi_rad)
@@ -51,6 +53,4 @@ def _draw_pair(ax: Axes, pair: CalibratedPair, number: int, colour: str) -> None
     ax.plot(ends[:, 1], ends[:, 0], color=colour, linewidth=4)
     ax.plot([source[1], foot[1]], [source[0], foot[0]], color=colour, linewidth=0.8)
     ax.plot(source[1], source[0], "o", color=colour, markersize=9)
-    ax.annotate(
-        f"{number}: {pair.upper_95_mm:.3f} mm", (source[1], source[0]), (8, 8), textcoords="offset points", color=colour
-    )
+    ax.annotate(label, (source[1], source[0]), (8, 8), textcoords="offset points", color=colour)

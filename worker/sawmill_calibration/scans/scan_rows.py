@@ -38,6 +38,7 @@ class ScanSource:
     views: int | None = None
     rows: str | None = None
     turns: bool = True  # False: the views are passages through a fixed pair
+    uploaded: bool = False  # True in a confined process: it starts no other one, and its refusals name no flags
 
 
 @contextmanager
@@ -144,7 +145,8 @@ def open_rows(
     """
     on_progress(Progress(fraction=0.0, stage="read"))
     options = source.options
-    read_apart(source.path, options.flats, options.darks, follow_links=options.follow_links)
+    if not source.uploaded:
+        read_apart(source.path, options.flats, options.darks, follow_links=options.follow_links)
     opened = (
         _own_rows(source, source_to_cor_mm, on_progress)
         if _needs_no_preparing(source)
@@ -204,7 +206,7 @@ def _prepared_rows(
             averaged_rows=source.options.averaged_rows,
             turns=source.turns,
         )
-        with links_offered(followed=source.options.follow_links), reading as read:
+        with links_offered(followed=source.options.follow_links or source.uploaded), reading as read:
             if read.detector_pitch_mm is None:
                 hint = "" if read.unused is None else f"; it holds {read.unused}"
                 raise refused(

@@ -253,13 +253,13 @@ class _Supervision:
             return Failed(failure=failure_of(error, self._claim.job.kind))
         self._input = self._given.file
         reads_upload = declaration_of(self._claim.job.kind).upload is not None
-        if self._input is not None:
-            self._store.files.check_file(self._input)
-            if not reads_upload:
-                try:
-                    self._while_leased("verifying a file", partial(self._store.files.verified.digest, self._input))
-                except DamagedResult as error:
-                    return Failed(failure=Failure(kind=FailureKind.INPUT, code=error.code, detail=str(error)))
+        for path in self._given.readable:
+            self._store.files.check_file(path)
+        if self._input is not None and not reads_upload:
+            try:
+                self._while_leased("verifying a file", partial(self._store.files.verified.digest, self._input))
+            except DamagedResult as error:
+                return Failed(failure=Failure(kind=FailureKind.INPUT, code=error.code, detail=str(error)))
         upload_bytes = self._input.stat().st_size if reads_upload and self._input is not None else None
         self._patience = Patience(self._claim.job.kind, self._settings, upload_bytes=upload_bytes)
         self._process.assign(

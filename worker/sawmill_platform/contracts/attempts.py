@@ -9,8 +9,14 @@ from sawmill_platform.contracts.jobs import FailureKind
 class AttemptInput(Contract):
     """Input that a worker passes to the process of an attempt; packages that own kinds of jobs add fields."""
 
-    file: Path | None = None  # the only file that the job may read, as an upload; null: the job reads none
+    file: Path | None = None  # the file that the job reads, as an upload; null: the job reads none, or several
+    files: tuple[Path, ...] = ()  # the uploads of a job that reads several
     kept: Path  # the folder with checkpoints of earlier attempts; it may be missing
+
+    @property
+    def readable(self) -> tuple[Path, ...]:
+        """All files that the job may read."""
+        return self.files if self.file is None else (self.file, *self.files)
 
 
 class JobFailure(Exception):  # noqa: N818 - the contract's word

@@ -100,7 +100,7 @@ class Asked(QueuingPart, Generic[Ask, Answer]):
         declared = self._declared
         table, identifier = mill_tables.table_of(declared.kind), identifier or new_id()
         refuse_taken(session, table, declared.noun, identifier)
-        fields, needs = looked_up(session, declared.references, ask.model_dump(mode="json") | dict(given))
+        fields, needs = looked_up(session, declared.references, ask.model_dump(mode="json") | dict(given), now)
         options = declared.options.model_validate(
             {name: fields[name] for name in declared.options.model_fields if name in fields}
         )

@@ -1,12 +1,14 @@
 """References of a request: looked up as it is accepted, and kept from being deleted (`contracts.kinds.Reference`)."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from datetime import datetime
 from types import MappingProxyType
 from typing import Any
 
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
+from sawmill_contracts import inspections
 from sawmill_contracts.declared_kinds import asked_kinds
 from sawmill_contracts.kinds import Answer, AskedKind, Reference
 from sawmill_contracts.phantoms import PhantomState
@@ -16,14 +18,38 @@ from sawmill_platform.database.paging import found, hold
 from sawmill_platform.database.tables import JobRow, Json
 from sawmill_platform.errors import Conflict, NotFound
 from sawmill_store.activations import active_calibration_id
-from sawmill_store.mill_tables import Answered, CalibrationRow, PhantomRow, ScannerRow, ScanRow, table_of
+from sawmill_store.mill_tables import Answered, AskedRow, CalibrationRow, PhantomRow, ScannerRow, ScanRow, table_of
 
 
-def looked_up(session: Session, references: Iterable[Reference], request: Mapping[str, Any]) -> tuple[Json, list[str]]:
-    """Look up the references of a request."""
-    fields = dict(request)
-    needs = [_LOOK_UP[reference](session, fields) for reference in references]
-    return fields, [job_id for job_id in needs if job_id is not None]
+def looked_up(
+    session: Session, references: Iterable[Reference], request: Mapping[str, Any], now: datetime
+) -> tuple[Json, list[str]]:
+    """Look up the references of a request, and the jobs for which its own job waits."""
+    fields, needs = dict(request), list[str]()
+    for reference in references:
+        if reference is Reference.INSPECTION:
+            needs += _inspections(session, fields["inspection_ids"], now)
+        elif (job_id := _LOOK_UP[reference](session, fields)) is not None:
+            needs.append(job_id)
+    return fields, needs
+
+
+def _inspections(session: Session, inspection_ids: Iterable[str], now: datetime) -> Iterator[str]:
+    """Yield the jobs of inspections, also of ended ones: files of inspections stay while a job needs their jobs."""
+    for inspection_id in dict.fromkeys(inspection_ids):
+        row = found_asked(session, inspections.DECLARATION, inspection_id)
+        hold(session, AskedRow, "inspection", inspection_id)
+        if row.created_at <= now - inspections.FILE_KEPT:
+            raise inspections_file_gone(inspection_id)
+        yield row.job_id
+
+
+def inspections_file_gone(inspection_id: str) -> Conflict:
+    """Return the refusal of an inspection whose file has been removed."""
+    return Conflict(
+        "inspection-expired",
+        f"the file of inspection {inspection_id!r} has been removed, a day after it came: send it again",
+    )
 
 
 def _scan(session: Session, fields: Json) -> str | None:

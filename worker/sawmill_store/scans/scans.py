@@ -15,10 +15,16 @@ from sawmill_platform.errors import Conflict
 from sawmill_platform.files.upload_stream import Received
 from sawmill_platform.ledger.events import announce
 from sawmill_platform.uploads.upload_store import kept_upload
+from sawmill_store.mill_files import unfinished_needing
 from sawmill_store.mill_tables import PhantomRow, ScannerRow, ScanRow
 from sawmill_store.queuing import QueuingPart
 from sawmill_store.requests.asked import Asked
-from sawmill_store.requests.references import found_asked, read_asked, unfinished_job_about
+from sawmill_store.requests.references import (
+    found_asked,
+    inspections_file_gone,
+    read_asked,
+    unfinished_job_about,
+)
 
 _COLUMNS = {"scanner_id", "phantom_id"}
 
@@ -211,10 +217,7 @@ class Inspections(Asked[InspectionRequest, Inspection]):
             self.files.upload(kinds.INSPECT, identifier), size_bytes=file.size_bytes, sha256=file.sha256
         )
         if again is None:
-            raise Conflict(
-                "inspection-expired",
-                f"the file of inspection {identifier!r} has been removed, a day after it came: send it again",
-            )
+            raise inspections_file_gone(identifier)
         return again
 
     def delete(self, identifier: str) -> None:
@@ -227,10 +230,11 @@ class Inspections(Asked[InspectionRequest, Inspection]):
         """
         with self._database.write() as session:
             row = found_asked(session, self._declared, identifier)
-            if not row.job.state.ended:
+            busy = row.job_id if not row.job.state.ended else session.scalar(unfinished_needing(row.job_id).limit(1))
+            if busy is not None:
                 raise Conflict(
                     "inspection-in-use",
-                    f"job {row.job_id!r} still inspects the file of {identifier!r}; cancel it or wait for it",
+                    f"job {busy!r} still needs the file of {identifier!r}; cancel it or wait for it",
                 )
             details = {"sha256": row.options["sha256"]}
             now = self._database.now()

@@ -10,7 +10,7 @@ from sawmill_contracts import calibrations, kinds, mill_events
 from sawmill_contracts.calibrations import Calibration, CalibrationResult
 from sawmill_contracts.drifts import DriftResult
 from sawmill_contracts.handed_over import HandedOver
-from sawmill_contracts.kinds import AskedKind
+from sawmill_contracts.kinds import AskedKind, Reference
 from sawmill_contracts.phantoms import PhantomState, StoredPhantom
 from sawmill_contracts.scans import ScanState
 from sawmill_formats.errors import UnreadableScan
@@ -30,7 +30,7 @@ from sawmill_store.activations import activate
 from sawmill_store.drift.drift_charts import known_baselines
 from sawmill_store.drift.measurements import record_measurement
 from sawmill_store.mill_files import NAMED_FOLDERS, SCAN_FILE
-from sawmill_store.mill_tables import CalibrationRow, PhantomRow, ScannerRow, ScanRow
+from sawmill_store.mill_tables import AskedRow, CalibrationRow, PhantomRow, ScannerRow, ScanRow
 from sawmill_store.requests.references import found_asked, read_asked
 from sawmill_store.scanners.scanners import read_scanner
 from sawmill_store.scans.phantoms import picture_of
@@ -72,6 +72,9 @@ def _of_asked(session: Session, files: FileStore, declared: AskedKind[Any, Any],
         fields["phantom"] = StoredPhantom.of_row(found(session, PhantomRow, "phantom", answer.phantom_id))
     if declared.upload is not None:
         fields["file"] = files.upload(declared.kind, subject_id)
+    if Reference.INSPECTION in declared.references:
+        inspected = [found(session, AskedRow, "inspection", each) for each in answer.options.inspection_ids]
+        fields["files"] = [files.upload(kinds.INSPECT, row.id) for row in inspected]
     if not hasattr(answer, "scanner_id"):
         return fields
     scanner = read_scanner(session, found(session, ScannerRow, "scanner", answer.scanner_id))

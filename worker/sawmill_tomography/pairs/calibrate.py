@@ -131,6 +131,8 @@ def _check(task: PairsTask) -> None:
             raise GeometryError(
                 f"pair {number} has {cells} cells in its scan, and num_detector_pixels is {pair.num_detector_pixels}"
             )
+        if cells < 2 * COARSE:
+            raise GeometryError(f"pair {number} has {cells} cells, and at least {2 * COARSE} are needed")
         shadows = np.ptp(one.binned(COARSE).lines, axis=-1)
         if not (shadows > LEAST_SHADOW * robust_deviation(np.diff(one.lines))).all():
             raise GeometryError(f"pair {number} sees nothing of the board in one of its passages")

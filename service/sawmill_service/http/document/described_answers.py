@@ -33,6 +33,7 @@ OF_RESULT = ("reconstruction-not-found", "reconstruction-without-result", "resul
 _OF_REFERENCES = {
     Reference.SCAN: ("scan-not-found", "scan-refused"),
     Reference.SCANNER: ("scanner-not-found",),
+    Reference.INSPECTION: ("inspection-not-found", "inspection-expired"),
     Reference.PHANTOM: ("phantom-not-found", "phantom-refused", "phantom-not-named"),
     Reference.CALIBRATION: (
         *("calibration-not-found", "calibration-without-result", "no-active-calibration", "scanner-mismatch"),

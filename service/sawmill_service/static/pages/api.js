@@ -68,6 +68,11 @@ function waitFor(milliseconds, signal) {
 
 const keptName = (file) => `upload ${file.name} ${file.size} ${file.lastModified}`;
 
+// A file's name as the service takes it.
+export function nameOf(file) {
+  return Array.from(file.name).slice(0, 200).join("") || "file";
+}
+
 // What was made of the upload is there: the same file is sent anew the next time.
 export function forgetUpload(file) {
   localStorage.removeItem(keptName(file));
@@ -82,8 +87,7 @@ async function begunUpload(file) {
   if (found && found.state !== "used") {
     return found;
   }
-  const name = Array.from(file.name).slice(0, 200).join("") || "file";
-  const upload = await api("POST", "/v1/uploads", { size_bytes: file.size, name });
+  const upload = await api("POST", "/v1/uploads", { size_bytes: file.size, name: nameOf(file) });
   localStorage.setItem(keptName(file), upload.id);
   return upload;
 }

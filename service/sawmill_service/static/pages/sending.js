@@ -1,5 +1,5 @@
 // A place for a file: chosen or dropped, sent in parts with its progress, and handed to the page.
-import { forgetUpload, uploadInParts } from "./api.js";
+import { forgetUpload, nameOf, uploadInParts } from "./api.js";
 
 export const language = document.documentElement.lang === "en" ? "en-GB" : document.documentElement.lang;
 const UNITS = ["B", "KiB", "MiB", "GiB", "TiB"];
@@ -12,7 +12,7 @@ function number(value, digits = 0) {
   return new Intl.NumberFormat(language, { minimumFractionDigits: digits, maximumFractionDigits: digits }).format(value);
 }
 
-function bytes(value) {
+export function bytes(value) {
   const step = Math.min(UNITS.length - 1, Math.max(0, Math.floor(Math.log2(Math.max(value, 1)) / 10)));
   return `${number(value / 1024 ** step, step ? 1 : 0)} ${UNITS[step]}`;
 }
@@ -67,7 +67,7 @@ export function takeFiles(step, accepted, ready = () => true) {
         const text = !connected ? words.waiting : filled(left ? words.left : words.sent, { sent: bytes(sent), total: bytes(total), left });
         step.querySelector("#sending-words").textContent = text;
       }, cancelling.signal);
-      const next = await accepted(id, Array.from(file.name).slice(0, 200).join("") || "file");
+      const next = await accepted(id, nameOf(file));
       forgetUpload(file);
       location.assign(next);
     } catch (error) {

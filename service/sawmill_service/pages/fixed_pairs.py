@@ -1,0 +1,82 @@
+"""`/fixed-pairs`: calibration of a scanner of fixed pairs, from the files of all pairs to their places."""
+
+import math
+from typing import Any
+
+from fastapi.responses import HTMLResponse
+from pydantic import TypeAdapter
+
+from sawmill_contracts.fixed_pairs import DECLARATION, FixedPairs, FixedPairsResult
+from sawmill_mill.two_questions import TwoQuestions
+from sawmill_platform.contracts.base import Identifier
+from sawmill_platform.contracts.keys import Scope
+from sawmill_service.dependencies import TheSettings, TheStore
+from sawmill_service.http.route_rules import Router
+from sawmill_service.pages.calibrate.calibrate_questions import usable_phantoms
+from sawmill_service.pages.frame.languages import marked
+from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
+from sawmill_service.pages.frame.verdicts import shown_pair
+from sawmill_service.pages.job_words import STATES, stages
+from sawmill_vocabulary import PairedScanner
+from sawmill_vocabulary.pair_messages import PairMessage
+
+LISTED = 10
+VERDICTS = {
+    "pass": ("good", marked("Done")),
+    "watch": ("watch", marked("Look at it")),
+    "fail": ("bad", marked("Failed")),
+}
+# Reasons whose remedy is another passage.
+PASS_AGAIN = {PairMessage.ROLL_AGAIN, PairMessage.LIES_ALIKE, PairMessage.ORDER_UNCERTAIN}
+_SCANNER = TypeAdapter(PairedScanner)
+
+router = Router(include_in_schema=False, reading=Scope.READ)
+
+
+@router.get("/fixed-pairs")
+def fixed_pairs(page: ThePage, store: TheStore, settings: TheSettings) -> HTMLResponse:
+    """Take the nominal places and the files, and list the newest calibrations."""
+    newest = store.asked(DECLARATION).page(limit=LISTED).items
+    before = newest[0] if newest else None
+    places = DECLARATION.to_ask.example["body"]["pairs"] if before is None else before.options.pairs
+    scanner = _SCANNER.validate_python({"pairs": places})
+    return page.answer(
+        "fixed_pairs.html",
+        newest=newest,
+        before=before,
+        places=_SCANNER.dump_json(scanner, exclude_defaults=True, indent=2).decode(),
+        phantoms=usable_phantoms(store.phantoms),
+        states=STATES,
+        verdicts=VERDICTS,
+        max_bytes=settings.max_upload_bytes,
+    )
+
+
+@router.get("/fixed-pairs/{identifier}")
+def calibration(identifier: Identifier, page: ThePage, store: TheStore, settings: TheSettings) -> HTMLResponse:
+    """Show how far a calibration is, why it failed, or its answer, and take the files of another passage."""
+    found = store.asked(DECLARATION).get(identifier)
+    result = found.result
+    return page.answer(
+        "fixed_pairs_result.html",
+        calibration=found,
+        stages=stages(page),
+        max_bytes=settings.max_upload_bytes,
+        again=_asked_again(found),
+        **({} if result is None else _shown(page, result)),
+    )
+
+
+def _asked_again(found: FixedPairs) -> dict[str, Any]:
+    """Return the same request, to which the files of another passage are added."""
+    return {**found.options.model_dump(mode="json"), "phantom_id": found.phantom_id}
+
+
+def _shown(page: PageFrame, result: FixedPairsResult) -> dict[str, Any]:
+    """Return what the template shows of an answer."""
+    return {
+        "degrees": math.degrees(1.0),
+        "tone": VERDICTS[result.verdict][0],
+        "questions": shown_pair(TwoQuestions.of_pairs(result), page.text, page.formats),
+        "pass_again": any(reason.code in PASS_AGAIN for reason in result.coded_reasons),
+    }
