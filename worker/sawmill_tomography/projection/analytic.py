@@ -7,7 +7,7 @@ import numpy as np
 import scipy
 
 from sawmill_tomography.geometry.detector_shape import detector_lines
-from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, Scanner, SourceFrame
+from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, Scanner, SourceFrame, to_vector
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.projection import _analytic_numba as kernels
 from sawmill_vocabulary import DetectorModule
@@ -55,6 +55,9 @@ class DetectorCells:
     def lines(self, frame: SourceFrame) -> FloatArray:
         """Return a row for each flat piece: first cell, end, source frame (5,), slopes of SDD (3,) and of u_c (3,)."""
         arc = self.arc_radius_mm
+        if arc is None and not self.modules and not self.waves_mm:
+            # The line of the frame, whose SDD and u_c are their own slopes.
+            return np.array([[0.0, self.count, *to_vector(frame), 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]])
         cells = 1 if arc is None else max(1, int(math.sqrt(8.0 * DEEPEST_MM * arc) / self.width_mm))
         lines = detector_lines(
             self.modules,

@@ -8,7 +8,7 @@ eigenvalues of what the other columns leave of the group (docs/understand/verdic
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 
@@ -129,6 +129,12 @@ def unit_of(column: Column, model: ScanModel) -> float:
     return 1.0
 
 
+@cache
+def _sizes(low: float, high: float) -> FloatArray:
+    """Return the sizes between two of them."""
+    return np.geomspace(low, high, SIZES)
+
+
 @dataclass(frozen=True, eq=False)
 class Group:
     """Columns with one size."""
@@ -149,7 +155,7 @@ class Group:
         return cls(
             one,
             unit,
-            np.geomspace(prior.low, max(prior.high, float(np.abs(one.sizes / unit).max())), SIZES),
+            _sizes(prior.low, max(prior.high, float(np.abs(one.sizes / unit).max()))),
             math.log(odds / (1.0 - odds)),
             ON_DETECTOR if is_on_detector(one) else STRUCTURES,
         )

@@ -404,8 +404,9 @@ class ViewGrams:
         same, places = [row for row, own in alike.items() for _ in own], [n for own in alike.values() for n in own]
         sums = self.grams.sum(axis=0)
         normal[np.ix_(places, places)], score[places] = sums[np.ix_(same, same)], self.scores.sum(axis=0)[same]
+        every = np.ones(views)
         shaped = [
-            (row, [*one], np.stack([np.broadcast_to(shape, views) for shape in one.values()]))
+            (row, [*one], np.array([shape * every for shape in one.values()]))
             for row, one in of_term.items()
             if row not in alike
         ]
