@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sawmill_tomography.geometry.detector_shape import cell_centres_mm, cell_points, lines_of, wave_shapes
 from sawmill_tomography.geometry.fit_parameters import FitParameter
-from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, Scanner, SourceFrame
+from sawmill_tomography.geometry.geometry import TAU, FloatArray, GeometryError, Scanner, SourceFrame
 from sawmill_tomography.statistics import exceeded_chi_square
 from sawmill_vocabulary.geometry import MOST_WAVES
 
@@ -19,6 +19,8 @@ PREDICTED_AT = 4
 DRAWS = 4096
 # Degrees of freedom of the error that no parameter has: of the estimate of its variance.
 FREEDOM = 8
+# Rings of places in a log, and points on each: twice as many change no loss of contrast by 1 %.
+RINGS, POINTS_PER_RING = 6, 60
 
 
 @dataclass(frozen=True)
@@ -389,6 +391,49 @@ class _ModuleMoves:
         added = np.zeros(DRAWS)
         added[real] = factor * (factor * own[number] + 2.0 * (errors[real] * (formed + by_known)[number]).sum(axis=1))
         return added
+
+
+def ring_displacements(
+    scanner: Scanner, frame: SourceFrame, parameters: int, *, radius_mm: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return how far each parameter's error displaces the rays through places of a log, over a full turn.
+
+    A place at a radius sees, from view to view, what the points of the ring of this radius see in the source frame. The
+    displacement that all rays of a place share is removed: it moves the place, and blurs nothing.
+
+    Parameters
+    ----------
+    parameters : int
+        Number of parameters: psi, R, SDD, u_c, tau, and those that follow in the covariance of `predicted_ray_error`.
+
+    Returns
+    -------
+    displacements : (RINGS, POINTS_PER_RING, parameters) float64
+        Across the ray, mm for each unit of the parameter; the rings have equal shares of the disc.
+    weights : (RINGS, POINTS_PER_RING) float64
+        Share of each point in the mean over directions and places; 0 where no ray meets the detector.
+    """
+    turned = TAU * (np.arange(POINTS_PER_RING) + 0.5) / POINTS_PER_RING
+    outward = np.stack([np.cos(turned), np.sin(turned)], -1)
+    radii = radius_mm * np.sqrt((np.arange(RINGS) + 0.5) / RINGS)
+    source, direction = _rays(scanner, frame)
+    seen = radii[:, None, None] * outward - source
+    angle, fan = np.arctan2(seen[..., 0], seen[..., 1]), np.arctan2(direction[:, 0], direction[:, 1])
+    # The rays through a place turn by R (R + r sin) / L^2 for each radian of the turn.
+    weights = np.maximum(frame.source_distance_mm * seen[..., 1] / np.square(seen).sum(axis=-1), 0.0)
+    weights = np.where((angle >= fan.min()) & (angle <= fan.max()), weights, 0.0)
+    cells = np.abs(fan - angle.reshape(-1, 1)).argmin(axis=1)
+    along = direction[cells] * np.einsum("pc,pc->p", direction[cells], seen.reshape(-1, 2))[:, None]
+    of_places = parameters > 5 + 2 * len(scanner.detector_modules)
+    derivative = _derivatives(scanner, frame, (source + along)[:, None], cells, (), of_places=of_places)
+    normal = np.stack([-direction[cells, 1], direction[cells, 0]], -1).reshape(seen.shape)
+    ring = np.stack([outward, np.stack([-outward[:, 1], outward[:, 0]], -1)])
+    shared = np.einsum("rpc,npc->rpn", normal, ring)
+    displacements = derivative.reshape(*weights.shape, -1)[..., :parameters]
+    weighted = shared * weights[..., None]
+    least = np.linalg.pinv(np.einsum("rpm,rpn->rmn", weighted, shared), hermitian=True)
+    taken = least @ np.einsum("rpm,rpk->rmk", weighted, displacements)
+    return displacements - shared @ taken, weights / weights.sum()
 
 
 def exceeded_ray_error(
