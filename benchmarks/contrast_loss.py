@@ -156,7 +156,8 @@ def compared(of: Disturbed, scans: int, seed: int) -> tuple[FloatArray, FloatArr
     losses = [contrast_loss(*where, error, radius_mm=of.radius_mm) for error in errors]
     upper_mm = predicted_ray_error(*where, of.covariance, radius_mm=of.radius_mm).upper_95_mm
     bound = contrast_loss_bound(*where, of.covariance, upper_mm, radius_mm=of.radius_mm)
-    return seen, np.array([(each.knot, each.mtf) for each in losses]), np.array([bound.knot, bound.mtf])
+    both = [0.01 * np.array([one.knot_10_mm_percent, one.mtf_percent]) for one in (*losses, bound)]
+    return seen, np.array(both[:-1]), both[-1]
 
 
 def main() -> None:
@@ -165,7 +166,7 @@ def main() -> None:
     parser.add_argument("--scans", type=int, default=50, help="scans of each scanner")
     parser.add_argument("--write", action="store_true", help="write benchmarks/results/contrast-loss.json")
     chosen = parser.parse_args()
-    measurement = Measurement.begin(*MEASURES, reference=lambda: 1.0)
+    measurement = Measurement.begin(*MEASURES)
     lines, beyond = ["| scanner | seen, mean | knots differ | MTF differs |", "|---|---|---|---|"], np.zeros(2, int)
     compared_losses, worst = 0, np.zeros(2)
     for seed, (name, of) in enumerate(SCANNERS.items(), start=5600):

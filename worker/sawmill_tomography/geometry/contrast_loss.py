@@ -1,12 +1,11 @@
 """The loss of contrast and of sharpness that a geometry error causes (docs/look-up/conventions.md#loss-of-contrast)."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.special import j1
 
 from sawmill_tomography.geometry.geometry import TAU, FloatArray, Scanner, SourceFrame
 from sawmill_tomography.geometry.ray_error import predicted_ray_error, ring_displacements
+from sawmill_vocabulary.uncertainty import ContrastLoss
 
 # Diameter of the knot. Its contrast is the mean within its radius less the mean in the ring around it, from the first
 # to the second of these numbers, in its radius. The frequency of the MTF, cycles per mm: a period is a knot's diameter.
@@ -14,14 +13,6 @@ KNOT_MM, AROUND = 10.0, (1.3, 2.0)
 MTF_PER_MM = 1.0 / KNOT_MM
 # Errors that are drawn from a covariance. Frequencies and displacements of the table of a knot's loss.
 DRAWS, FREQUENCIES, DISPLACEMENTS = 1024, 400, 400
-
-
-@dataclass(frozen=True)
-class ContrastLoss:
-    """Mean losses over all places and directions in the log's disc, as shares: 0 is none, 1 is all."""
-
-    knot: float  # of the contrast of a knot of `KNOT_MM`
-    mtf: float  # of the MTF at `MTF_PER_MM`
 
 
 def contrast_loss(scanner: Scanner, frame: SourceFrame, error: FloatArray, *, radius_mm: float) -> ContrastLoss:
@@ -57,12 +48,12 @@ def contrast_loss_bound(
 
 
 def _losses(scanner: Scanner, frame: SourceFrame, errors: FloatArray, radius_mm: float) -> FloatArray:
-    """Return the losses of a knot's contrast and of the MTF by errors (n, parameters), (n, 2)."""
+    """Return the losses of a knot's contrast and of the MTF by errors (n, parameters), (n, 2), per cent."""
     by_parameter, weights = ring_displacements(scanner, frame, errors.shape[1], radius_mm=radius_mm)
     displacements = np.abs(by_parameter.reshape(-1, errors.shape[1]) @ errors.T)
     of_knots = np.interp(displacements, *_knot_losses(scanner.detector_pitch_mm / frame.magnification))
     of_mtf = 1.0 - np.cos(TAU * MTF_PER_MM * displacements)
-    return np.clip(np.stack([weights.ravel() @ of_knots, weights.ravel() @ of_mtf], -1), 0.0, 1.0)
+    return np.clip(100.0 * np.stack([weights.ravel() @ of_knots, weights.ravel() @ of_mtf], -1), 0.0, 100.0)
 
 
 def _knot_losses(cell_mm: float) -> tuple[FloatArray, FloatArray]:

@@ -396,44 +396,40 @@ class _ModuleMoves:
 def ring_displacements(
     scanner: Scanner, frame: SourceFrame, parameters: int, *, radius_mm: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return how far each parameter's error displaces the rays through places of a log, over a full turn.
+    """Return how far errors of the parameters displace rays through places of a log, and the rays' weights.
 
-    A place at a radius sees, from view to view, what the points of the ring of this radius see in the source frame. The
-    displacement that all rays of a place share is removed: it moves the place, and blurs nothing.
+    A place sees in the views of a full turn what the points of a ring see in the source frame; rings have equal shares
+    of the disc. What moves a place, and blurs nothing, is removed.
 
     Parameters
     ----------
     parameters : int
-        Number of parameters: psi, R, SDD, u_c, tau, and those that follow in the covariance of `predicted_ray_error`.
+        Number of parameters, as in the covariance of `predicted_ray_error`.
 
     Returns
     -------
     displacements : (RINGS, POINTS_PER_RING, parameters) float64
-        Across the ray, mm for each unit of the parameter; the rings have equal shares of the disc.
+        Across the ray, mm for each unit of the parameter.
     weights : (RINGS, POINTS_PER_RING) float64
-        Share of each point in the mean over directions and places; 0 where no ray meets the detector.
+        Share in the mean over directions and places; 0 where no ray meets the detector.
     """
-    turned = TAU * (np.arange(POINTS_PER_RING) + 0.5) / POINTS_PER_RING
-    outward = np.stack([np.cos(turned), np.sin(turned)], -1)
-    radii = radius_mm * np.sqrt((np.arange(RINGS) + 0.5) / RINGS)
+    turn = np.exp(1j * TAU * (np.arange(POINTS_PER_RING) + 0.5) / POINTS_PER_RING)
+    places = radius_mm * np.sqrt((np.arange(RINGS)[:, None] + 0.5) / RINGS) * turn
     source, direction = _rays(scanner, frame)
-    seen = radii[:, None, None] * outward - source
-    angle, fan = np.arctan2(seen[..., 0], seen[..., 1]), np.arctan2(direction[:, 0], direction[:, 1])
-    # The rays through a place turn by R (R + r sin) / L^2 for each radian of the turn.
-    weights = np.maximum(frame.source_distance_mm * seen[..., 1] / np.square(seen).sum(axis=-1), 0.0)
-    weights = np.where((angle >= fan.min()) & (angle <= fan.max()), weights, 0.0)
-    cells = np.abs(fan - angle.reshape(-1, 1)).argmin(axis=1)
-    along = direction[cells] * np.einsum("pc,pc->p", direction[cells], seen.reshape(-1, 2))[:, None]
+    rays, seen = direction @ [1.0, 1j], places - source @ [1.0, 1j]
+    angles, fan = np.angle(seen), np.angle(rays)
+    # The ray through a place turns by 1 - Re(place / seen) for each radian of the turn.
+    weights = np.where((angles - fan.min()) * (angles - fan.max()) < 0.0, 1.0 - (places / seen).real, 0.0)
+    cells = np.abs(fan - angles.reshape(-1, 1)).argmin(axis=1)
+    points = source + (seen.ravel() * rays[cells].conj()).real[:, None] * direction[cells]
     of_places = parameters > 5 + 2 * len(scanner.detector_modules)
-    derivative = _derivatives(scanner, frame, (source + along)[:, None], cells, (), of_places=of_places)
-    normal = np.stack([-direction[cells, 1], direction[cells, 0]], -1).reshape(seen.shape)
-    ring = np.stack([outward, np.stack([-outward[:, 1], outward[:, 0]], -1)])
-    shared = np.einsum("rpc,npc->rpn", normal, ring)
-    displacements = derivative.reshape(*weights.shape, -1)[..., :parameters]
-    weighted = shared * weights[..., None]
-    least = np.linalg.pinv(np.einsum("rpm,rpn->rmn", weighted, shared), hermitian=True)
-    taken = least @ np.einsum("rpm,rpk->rmk", weighted, displacements)
-    return displacements - shared @ taken, weights / weights.sum()
+    derivative = _derivatives(scanner, frame, points[:, None], cells, (), of_places=of_places)[:, :parameters]
+    displacements = derivative.reshape(*seen.shape, parameters)
+    normal = 1j * rays[cells].reshape(seen.shape) * turn.conj()
+    shared = np.stack([normal.real, normal.imag], -1)
+    weighted = np.swapaxes(shared * weights[..., None], 1, 2)
+    moved = np.linalg.pinv(weighted @ shared, hermitian=True) @ (weighted @ displacements)
+    return displacements - shared @ moved, weights / max(float(weights.sum()), 1e-9)
 
 
 def exceeded_ray_error(
