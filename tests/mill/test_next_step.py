@@ -268,12 +268,12 @@ def test_numbers_stand_beside_their_limits_and_the_scale_becomes_mm_on_the_large
 
 
 @pytest.mark.parametrize(
-    ("lost_percent", "told"), [(4.9, ""), (12.4, " Knots of 10 mm may lose up to 12 % of their contrast.")]
+    ("lost_percent", "stated"), [(4.9, ""), (12.4, " Knots of 10 mm may lose up to 12 % of their contrast.")]
 )
-def test_what_the_bound_costs_knots_is_told_from_five_per_cent_on(lost_percent, told):
+def test_what_the_bound_costs_knots_is_stated_from_five_per_cent_on(lost_percent, stated):
     lost = {"contrast_loss": {"knot_10_mm_percent": lost_percent, "mtf_percent": 20.0}}
     sentence = questions(predicted_ray_error_mm=PREDICTED | lost).rays.sentence()
-    assert sentence == f"{questions().rays.sentence()}{told}"
+    assert sentence == f"{questions().rays.sentence()}{stated}"
 
 
 @pytest.mark.parametrize(

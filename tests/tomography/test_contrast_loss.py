@@ -21,9 +21,9 @@ def loss(psi=0.0, r=0.0, sdd=0.0, u_c=0.0, tau=0.0, *, radius_mm=120.0):
 def test_images_of_disturbed_scans_lose_what_is_predicted():
     """Within 10 %, as the issue of the formula asked; 50 scans of each scanner differ by 7 % at most."""
     seen, predicted, _ = compared(SCANNERS["modules"], 6, 5610)
-    told = seen > LEAST
-    assert told.sum(axis=0).min() >= 1
-    np.testing.assert_allclose(predicted[told], seen[told], rtol=0.1)
+    large = seen > LEAST
+    assert large.sum(axis=0).min() >= 1
+    np.testing.assert_allclose(predicted[large], seen[large], rtol=0.1)
 
 
 def test_a_detector_that_slid_doubles_edges_at_the_centre_as_opposite_rays_say():

@@ -202,13 +202,9 @@ class TwoQuestions:
     def of_plan(cls, planned: PlanResult, tolerances: Tolerances) -> Self:
         """Ask about a plan and a scanner's tolerances; only noise and the phantom's size can speak against a plan."""
         predicted, limit_mm = planned.predicted_ray_error_mm, tolerances.predicted_ray_error_mm
+        verdict: Verdict = "pass" if predicted.upper_95 <= limit_mm else "fail"
         return cls(
-            RaysRight(
-                upper_95_mm=predicted.upper_95,
-                limit_mm=limit_mm,
-                verdict="pass" if predicted.upper_95 <= limit_mm else "fail",
-                lost=predicted.contrast_loss,
-            ),
+            RaysRight(predicted.upper_95, limit_mm, verdict, predicted.contrast_loss),
             MillimetresRight(
                 percent_95=planned.scale_uncertainty_percent,
                 limit_percent=tolerances.scale_percent,

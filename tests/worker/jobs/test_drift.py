@@ -87,7 +87,7 @@ def test_a_log_says_that_nothing_needs_to_be_done_only_where_a_calibration_that_
     assert ("Nothing needs to be done" in reported.reason) == (code == "log-shows-within")
 
 
-def test_what_a_move_costs_knots_is_told_from_five_per_cent_on(look, turn):
+def test_what_a_move_costs_knots_is_stated_from_five_per_cent_on(look, turn):
     scan = log_scan(turn, replace(THETA, detector_shift_mm=33.0), noise=0.01, seed=4)
     within, beyond = look(scan, tolerance_mm=3.0), look(scan)
     cost = f"nots of 10 mm lose {within.contrast_loss.knot_10_mm_percent:.0f} % of their contrast."

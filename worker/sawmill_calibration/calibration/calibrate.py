@@ -269,11 +269,7 @@ def calibration_result(
         theta_covariance=None if bars is None or bars.theta_covariance is None else bars.theta_covariance.tolist(),
         predicted_ray_error_mm=bars
         and from_predicted(
-            bars.predicted_ray_error,
-            calibration.scanner,
-            frame,
-            bars.statistics.ray_covariance,
-            calibration.radius_mm,
+            bars.predicted_ray_error, calibration.scanner, frame, bars.statistics.ray_covariance, calibration.radius_mm
         ),
         unconstrained_source_distance_mm=findings.source_distance.unconstrained_mm,
         scale_uncertainty_mm=findings.scale.source_distance_mm,

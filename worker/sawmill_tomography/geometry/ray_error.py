@@ -396,22 +396,11 @@ class _ModuleMoves:
 def ring_displacements(
     scanner: Scanner, frame: SourceFrame, parameters: int, *, radius_mm: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return how far errors of the parameters displace rays through places of a log, and the rays' weights.
+    """Return how far errors displace rays through places of a log, (rings, points, parameters), mm, and the weights.
 
     A place sees in the views of a full turn what the points of a ring see in the source frame; rings have equal shares
-    of the disc. What moves a place, and blurs nothing, is removed.
-
-    Parameters
-    ----------
-    parameters : int
-        Number of parameters, as in the covariance of `predicted_ray_error`.
-
-    Returns
-    -------
-    displacements : (RINGS, POINTS_PER_RING, parameters) float64
-        Across the ray, mm for each unit of the parameter.
-    weights : (RINGS, POINTS_PER_RING) float64
-        Share in the mean over directions and places; 0 where no ray meets the detector.
+    of the disc. What moves a place, and blurs nothing, is removed. The parameters are those of `predicted_ray_error`.
+    The weights (rings, points) are shares in the mean over directions and places; 0 where no ray meets the detector.
     """
     turn = np.exp(1j * TAU * (np.arange(POINTS_PER_RING) + 0.5) / POINTS_PER_RING)
     places = radius_mm * np.sqrt((np.arange(RINGS)[:, None] + 0.5) / RINGS) * turn
