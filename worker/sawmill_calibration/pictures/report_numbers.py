@@ -289,7 +289,7 @@ def calibration_table(result: CalibrationResult) -> list[tuple[str, str]]:
     ]
     if (error := result.predicted_ray_error_mm) is not None:
         rows.append(("predicted ray error", f"{error.rms:.4f} mm RMS, 95 % below {error.upper_95:.4f} mm"))
-        if error.contrast_loss is not None:
+        if error.contrast_loss is not None and error.contrast_loss.matters:
             rows.append(("  contrast lost (95 %)", lost(error.contrast_loss)))
     rows.append(("ray error from phantom size", f"± {result.scale_ray_error_mm:.3g} mm RMS (systematic)"))
     if result.scale_uncertainty_percent is not None:
