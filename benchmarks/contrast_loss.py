@@ -4,7 +4,7 @@
 
 Knots of 10 mm are simulated with geometries that are disturbed at random, and reconstructed with the undisturbed one by
 `fbp`. Each is measured about its centre of mass, and compared with an undisturbed one as large as the image's scale
-makes it: a shift and a common scale blur nothing. Two minutes of a core.
+makes it: a shift and a common scale blur nothing. Pins show the MTF. Two minutes of a core.
 """
 
 import argparse
@@ -28,19 +28,19 @@ from sawmill_vocabulary import DetectorModule, Disc
 
 MEASURES = [f"worker/sawmill_tomography/geometry/{name}.py" for name in ("contrast_loss", "ray_error")]
 VIEWS, RADIUS_MM = 480, 120.0
-# Pixels to a cell's width at the COR, over which their mean is taken; how far a knot's image reaches.
-FINER, REACH_MM = 3, 16.0
-# Sizes of knots, in `KNOT_MM`. Losses below this share are not compared.
+# Pixels to a cell's width at the COR, over which their mean is taken; how far a knot's image reaches; a pin's diameter.
+FINER, REACH_MM, PIN_MM = 3, 18.0, 2.0
+# Sizes of knots and pins, relative to their own. Losses below this share are not compared.
 SCALES, LEAST = (0.95, 1.0, 1.05), 0.05
 FLAT, NARROW = Scanner(859.46, 256, 4.5), Scanner(859.46, 768, 1.5)
 MODULES = replace(NARROW, detector_modules=(DetectorModule(256, 0.0, 0.0), DetectorModule(512, 0.0, 0.0)))
 FRAME, TILTED = SourceFrame(0.3, 890.0, 1600.0, -30.0, -0.08), SourceFrame(0.3, 890.0, 1300.0, 80.0, 0.3)
 # Scanners, and standard deviations of their (psi, R, SDD, u_c, tau), and of each module's gap and kink.
 SCANNERS = {
-    "wide cells": (FLAT, FRAME, (0.01, 5.0, 20.0, 2.0, 0.01)),
-    "narrow cells": (NARROW, FRAME, (0.01, 5.0, 20.0, 1.2, 0.03)),
-    "modules": (MODULES, FRAME, (0.01, 5.0, 20.0, 1.0, 0.01, 0.6, 0.004, 0.6, 0.004)),
-    "tilted": (NARROW, TILTED, (0.01, 5.0, 20.0, 1.0, 0.02)),
+    "wide cells": (FLAT, FRAME, (0.01, 3.0, 10.0, 2.0, 0.01)),
+    "narrow cells": (NARROW, FRAME, (0.01, 3.0, 10.0, 1.2, 0.03)),
+    "modules": (MODULES, FRAME, (0.01, 3.0, 10.0, 1.0, 0.01, 0.6, 0.004, 0.6, 0.004)),
+    "tilted": (NARROW, TILTED, (0.01, 3.0, 10.0, 1.0, 0.02)),
 }
 
 
@@ -54,7 +54,8 @@ class Log:
         size = int(FINER * 2.0 * (RADIUS_MM + 2.0 * REACH_MM) / known.cell_at_cor_mm)
         self.projector = Projector(known, ImageGrid(size, size * known.cell_at_cor_mm / FINER))
         self.pixel_mm = self.projector.grid.pixel_mm
-        self.places = RADIUS_MM * np.sqrt((np.arange(RINGS) + 0.5) / RINGS) * np.exp(2.399963j * np.arange(RINGS))
+        knots = RADIUS_MM * np.sqrt((np.arange(RINGS) + 0.5) / RINGS) * np.exp(2.399963j * np.arange(RINGS))
+        self.places = np.concatenate([knots, -knots])  # of knots, and of pins opposite, dense above the knots' streaks
         self.undisturbed = np.polyfit(SCALES, [self.shown(known, scale)[0].ravel() for scale in SCALES], 2)
 
     def geometry(self, error: FloatArray) -> FanBeamGeometry:
@@ -66,13 +67,18 @@ class Log:
         return FanBeamGeometry(scanner, frame.theta(scanner.source_to_cor_mm), TAU * np.arange(VIEWS) / VIEWS)
 
     def shown(self, truth: FanBeamGeometry, size: float | None = None) -> tuple[FloatArray, float]:
-        """Measure contrasts and MTF of knots of this size, (2, knots), or of the size that the image's scale makes."""
-        knots = [Disc((at.real, at.imag), 0.5 * KNOT_MM * (size or 1.0), 1.0 / (size or 1.0)) for at in self.places]
-        lines = simulate_sinogram(Phantom("log", tuple(knots)), truth, noise=0.0, seed=0)
+        """Measure knots' contrasts and pins' MTF, (2, knots), of this size or of the size that the scale makes."""
+        radii, densities = np.repeat([[0.5 * KNOT_MM, 0.5 * PIN_MM], [1.0, 5.0]], RINGS, axis=1).tolist()
+        discs = [
+            Disc((at.real, at.imag), radius * (size or 1.0), density)
+            for at, radius, density in zip(self.places, radii, densities, strict=True)
+        ]
+        lines = simulate_sinogram(Phantom("log", tuple(discs)), truth, noise=0.0, seed=0) / (size or 1.0)
         image = ndimage.uniform_filter(np.asarray(fbp(self.projector, lines).image, np.float64), FINER)
         at = np.array([self._centre(image, place) for place in self.places])
-        scale = size or float((np.abs(at - at.mean()) / np.abs(self.places - self.places.mean())).mean())
-        return np.array([self._measured(*self._near(image, centre), scale) for centre in at]).T, scale
+        scale = size or float((np.abs(at - at.mean()) / np.abs(self.places)).mean())
+        contrasts, mtf = np.array([self._measured(*self._near(image, centre), scale) for centre in at]).T
+        return np.stack([contrasts[:RINGS], mtf[RINGS:]]), scale
 
     def losses(self, error: FloatArray) -> FloatArray:
         """Return the mean losses of the knots' contrast and of the MTF where the truth has this error, (2,)."""
@@ -81,7 +87,7 @@ class Log:
         return np.asarray(np.minimum(1.0 - (shown / undisturbed).mean(axis=1), 1.0))
 
     def _measured(self, image: FloatArray, away: FloatArray, scale: float) -> tuple[float, float]:
-        """Return the contrast of a knot, and its spectrum relative to its mass, which is as the MTF."""
+        """Return the contrast of a knot, and the MTF if it is a pin."""
         inside, inner, outer = (self._within(away, 0.5 * KNOT_MM * size * scale) for size in (1.0, *AROUND))
         around, near = outer - inner, self._within(away, REACH_MM) * image
         contrast = (inside * image).sum() / inside.sum() - (around * image).sum() / around.sum()
@@ -91,7 +97,7 @@ class Log:
         """Return the centre of mass near a place."""
         for _ in range(8):
             there, away = self._near(image, centre)
-            there = there * self._within(away, 0.75 * REACH_MM)
+            there = there * self._within(away, REACH_MM / 1.5)
             centre += complex((away * there).sum() / there.sum())
         return centre
 
