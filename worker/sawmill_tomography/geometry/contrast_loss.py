@@ -9,8 +9,7 @@ from sawmill_vocabulary.uncertainty import ContrastLoss
 
 # Diameter of the knot. Its contrast is the mean within its radius less the mean in the ring around it, from the first
 # to the second of these numbers, in its radius. The frequency of the MTF, cycles per mm: a period is a knot's diameter.
-KNOT_MM, AROUND = 10.0, (1.3, 2.0)
-MTF_PER_MM = 1.0 / KNOT_MM
+KNOT_MM, AROUND, MTF_PER_MM = 10.0, (1.3, 2.0), 0.1
 # Errors that are drawn from a covariance. Frequencies and displacements of the table of a knot's loss.
 DRAWS, FREQUENCIES, DISPLACEMENTS = 1024, 400, 400
 
