@@ -21,16 +21,7 @@ NOISE_MM, SCANNER, FRAME = 2.0, Scanner(859.46, 256, 4.5), SourceFrame(0.3, 880.
 
 
 def calibrated(
-    seed=2201,
-    *,
-    seen=L_SHAPE,
-    slip_mm=0.0,
-    jitter_deg=0.0,
-    stripes=0.0,
-    views=40,
-    noise=NOISE_MM,
-    without=(),
-    **scanner,
+    seed=2201, *, seen=L_SHAPE, slip_mm=0.0, jitter_deg=0.0, stripes=0.0, views=40, noise=NOISE_MM, without=(), **known
 ):
     """Calibrate a scan with noise of its own, of the drawing or of another phantom, which may slip; and disturbed."""
     angles, positions, rng = full_turn(views), np.zeros((views, 2)), np.random.default_rng(seed)
@@ -39,8 +30,8 @@ def calibrated(
     clean = analytic.project(seen, DetectorCells.of(SCANNER), FRAME, turned, position_mm=positions)
     lines = clean + noise * rng.standard_normal(clean.shape)
     lines += stripes * np.random.default_rng([seed, 2]).standard_normal(lines.shape[1])
-    known = {"handedness": Handedness.AS_DRAWN, "rotation": Rotation.AS_GIVEN, "without": frozenset(without)}
-    return calibrate(CalibrationTask(replace(SCANNER, **scanner), L_SHAPE, lines, angles, **known))
+    fixed = {"handedness": Handedness.AS_DRAWN, "rotation": Rotation.AS_GIVEN, "without": frozenset(without)}
+    return calibrate(CalibrationTask(replace(SCANNER, **known), L_SHAPE, lines, angles, **fixed))
 
 
 def lines_of(found):
