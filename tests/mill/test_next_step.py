@@ -53,7 +53,8 @@ def compared(moved_mm=0.05, *reasons, against="active", **changes):
 
 
 def checked(moved_mm=0.05, *, within=True, at=LATER, message=LogMessage.MOVED):
-    reason = message(LogMessage.DETECTOR_SLID(column_mm=-2.12), moved_mm=moved_mm, allowed_mm=0.5, limit_mm=0.1)
+    values = {"moved_mm": moved_mm, "allowed_mm": 0.5, "limit_mm": 0.1, "loss_percent": 12.4}
+    reason = message(LogMessage.DETECTOR_SLID(column_mm=-2.12), **values)
     return Checked(at, "active", within, moved_mm, 0.5, CodedReason.of(reason))
 
 
@@ -88,6 +89,7 @@ OLD = {"verdict": "watch", "limits": None}
         (replace(ACTIVE, seen=checked(0.43)), "watch", "Watch", "calibrate"),
         (replace(ACTIVE, seen=checked(0.16, message=LogMessage.BEYOND_CALIBRATION)), "watch", "Watch", "calibrate"),
         (replace(compared(), seen=checked(0.16, message=LogMessage.BEYOND_CALIBRATION)), "watch", "Watch", "accept"),
+        (replace(ACTIVE, seen=checked(0.43, message=LogMessage.CALIBRATE_SOON)), "watch", "Watch", "calibrate"),
         (replace(ACTIVE, seen=checked(0.8, within=False)), "bad", "Out of tolerance", "calibrate"),
         (replace(ACTIVE, seen=checked(0.8, within=False, at=NOON - timedelta(hours=1))), "good", "Fine", "none"),
     ],
@@ -265,6 +267,15 @@ def test_numbers_stand_beside_their_limits_and_the_scale_becomes_mm_on_the_large
     assert both.millimetres.limit_on_diameter_mm == pytest.approx(1.5)
     assert both.rays.sentence() == "In 95 of 100 cases the rays are off by less than 0.040 mm; 0.100 mm is allowed."
     assert both.millimetres.sentence() == "Sizes are right to 0.3 %: 0.9 mm on a log of 300 mm; 0.5 % is allowed."
+
+
+@pytest.mark.parametrize(
+    ("lost_percent", "stated"), [(4.9, ""), (12.4, " Knots of 10 mm may lose up to 12 % of their contrast.")]
+)
+def test_what_the_bound_costs_knots_is_stated_from_five_per_cent_on(lost_percent, stated):
+    lost = {"contrast_loss": {"knot_10_mm_percent": lost_percent, "mtf_percent": 20.0}}
+    sentence = questions(predicted_ray_error_mm=PREDICTED | lost).rays.sentence()
+    assert sentence == f"{questions().rays.sentence()}{stated}"
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,8 @@ from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.geometry import ScannerConstants, SourceFrameDeviation, ThetaDeviation
 from sawmill_contracts.phantoms import BUILT_IN_PHANTOMS, PhantomDrawing, PhantomPicture, PhantomRequest
 from sawmill_platform.contracts.base import complaint
-from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray, SourceFrame, Theta
+from sawmill_tomography.geometry.contrast_loss import contrast_loss_bound
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray, Scanner, SourceFrame, Theta
 from sawmill_tomography.geometry.ray_error import RayErrorPrediction
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.reconstruction.object_extent import seen_radius_mm
@@ -80,14 +81,20 @@ def from_deviation(theta: FloatArray | None, frame: FloatArray) -> calibrations.
     )
 
 
-def from_predicted(predicted: RayErrorPrediction, radius_mm: float) -> calibrations.PredictedRayError:
-    """Convert the ray error that a covariance predicts inside a disc to its contract."""
+def from_predicted(
+    predicted: RayErrorPrediction, scanner: Scanner, frame: SourceFrame, covariance: FloatArray, radius_mm: float
+) -> calibrations.PredictedRayError:
+    """Convert the ray error that a covariance predicts inside a disc, and the contrast that it costs, to the contract.
+
+    The arguments are those of `predicted_ray_error`.
+    """
     return calibrations.PredictedRayError(
         rms=predicted.rms_mm,
         max=predicted.max_mm,
         upper_95=predicted.upper_95_mm,
         interval_95=predicted.interval_95_mm,
         radius_mm=radius_mm,
+        contrast_loss=contrast_loss_bound(scanner, frame, covariance, predicted.upper_95_mm, radius_mm=radius_mm),
     )
 
 

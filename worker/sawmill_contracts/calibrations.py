@@ -51,7 +51,7 @@ from sawmill_vocabulary import (
 )
 from sawmill_vocabulary.messages import N_
 from sawmill_vocabulary.scattered_radiation import BeamCorrection, BeamHardening, ScatteredRadiation
-from sawmill_vocabulary.uncertainty import BudgetLine
+from sawmill_vocabulary.uncertainty import BudgetLine, ContrastLoss
 
 
 class PaperOptions(Contract):
@@ -211,6 +211,10 @@ class PredictedRayError(Contract):
         examples=[[0.012, 0.041]],
     )
     radius_mm: float = Field(description="Radius of the disc in which rays are compared, mm.", examples=[150.0])
+    contrast_loss: ContrastLoss | None = Field(
+        None,
+        description="Losses that are not exceeded in 95 of 100 cases. Null: an answer of an earlier version.",
+    )
 
 
 class Residual(Contract):

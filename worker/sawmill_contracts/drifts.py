@@ -16,6 +16,7 @@ from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.jobs import Failure, JobState
 from sawmill_vocabulary import DetectorEstimate, Rotation, Theta
 from sawmill_vocabulary.messages import N_
+from sawmill_vocabulary.uncertainty import ContrastLoss
 
 
 class DetectorGeometry(Contract):
@@ -199,6 +200,11 @@ class DriftResult(Contract):
     )
     ray_change_uncertainty_mm: float = Field(
         description="RMS ray distance that the errors alone bring about.", examples=[0.02]
+    )
+    contrast_loss: ContrastLoss | None = Field(
+        None,
+        description="Losses that the change of the rays causes. Null: an answer of an earlier version, or a geometry "
+        "was given.",
     )
     scale_change_percent: float | None = Field(
         None,

@@ -298,11 +298,13 @@ def _of_scanner(state: ScannerState) -> NextStep | None:
         return _step(StepMessage.NOT_ACCEPTED)
     if not active and not state.is_compared:
         return _step(StepMessage.NOT_COMPARED)
-    if moved is not None and moved.since_active and moved.share >= NEARLY:
+    loses_contrast = state.shows(LogMessage.CALIBRATE_SOON)
+    if loses_contrast is None and moved is not None and moved.since_active and moved.share >= NEARLY:
         message = StepMessage.NEARLY if active else StepMessage.NEARLY_ACCEPT
         return NextStep(message(moved_mm=moved.ray_change_mm, allowed_mm=moved.tolerance_mm), *_STEPS[message])
-    if state.beyond_calibration is not None:
-        step = _because(StepMessage.LOG_SHOWS_OFF, state.beyond_calibration.explanation)
+    off = loses_contrast or state.shows(LogMessage.BEYOND_CALIBRATION)
+    if off is not None:
+        step = _because(StepMessage.LOG_SHOWS_OFF, off.explanation)
         return step if active else replace(step, button=Button.ACCEPT)
     return None
 

@@ -97,12 +97,11 @@ class ScannerState:
         check = self._since_newest(self.seen)
         return check if check is not None and check.within_tolerance is False else None
 
-    @property
-    def beyond_calibration(self) -> Checked | None:
-        """The newest check that could tell, if by its reason a calibration that far off would not pass."""
+    def shows(self, message: LogMessage) -> Checked | None:
+        """Return the newest check that could tell, if its reason contains this message."""
         check = self._since_newest(self.seen)
         reason = None if check is None or check.explanation is None else check.explanation.reason
-        return check if reason is not None and LogMessage.BEYOND_CALIBRATION in reason.codes else None
+        return check if reason is not None and message in reason.codes else None
 
     @property
     def unseen(self) -> bool:

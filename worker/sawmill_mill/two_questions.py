@@ -17,6 +17,7 @@ from sawmill_contracts.scanners import Tolerances
 from sawmill_vocabulary import CalibrationStatus, Verdict
 from sawmill_vocabulary.messages import N_
 from sawmill_vocabulary.pair_messages import PairMessage
+from sawmill_vocabulary.uncertainty import ContrastLoss
 
 Words = Callable[[str], str]
 Written = Callable[[float], str]
@@ -64,6 +65,7 @@ class RaysRight:
     upper_95_mm: float | None  # upper 95 % limit of the RMS ray error; None without error bars
     limit_mm: float | None  # the largest allowed value; None where nobody recorded it
     verdict: Verdict  # the verdict on the rays alone; in an answer of an earlier version the whole verdict
+    lost: ContrastLoss | None = None  # what such rays cost; None where it is not known
 
     question = N_("Are the rays right?")
 
@@ -97,9 +99,13 @@ class RaysRight:
         return N_("By its number, %(bound)s where %(limit)s is allowed; but something else speaks against it.")
 
     def sentence(self, words: Words = str, mm: Written = in_mm) -> str:
-        """Return the answer in one sentence, in the language of `words`."""
+        """Return the answer, and what such rays cost if that matters, in the language of `words`."""
         places = {"bound": self.upper_95_mm, "limit": self.limit_mm}
-        return words(self.message) % {name: mm(value) for name, value in places.items() if value is not None}
+        answer = words(self.message) % {name: mm(value) for name, value in places.items() if value is not None}
+        if self.lost is None or not self.lost.matters:
+            return answer
+        cost = words(N_("Knots of 10 mm may lose up to %(percent)d %% of their contrast."))
+        return f"{answer} {cost % {'percent': round(self.lost.knot_10_mm_percent)}}"
 
 
 @dataclass(frozen=True)
@@ -184,6 +190,7 @@ class TwoQuestions:
                 upper_95_mm=None if predicted is None else predicted.upper_95,
                 limit_mm=None if limits is None else limits.tolerance_mm,
                 verdict=result.verdict_on_rays,
+                lost=None if predicted is None else predicted.contrast_loss,
             ),
             MillimetresRight(
                 percent_95=None if failed else result.scale_uncertainty_percent,
@@ -211,8 +218,9 @@ class TwoQuestions:
     def of_plan(cls, planned: PlanResult, tolerances: Tolerances) -> Self:
         """Ask about a plan and a scanner's tolerances; only noise and the phantom's size can speak against a plan."""
         predicted, limit_mm = planned.predicted_ray_error_mm, tolerances.predicted_ray_error_mm
+        verdict: Verdict = "pass" if predicted.upper_95 <= limit_mm else "fail"
         return cls(
-            RaysRight(predicted.upper_95, limit_mm, "pass" if predicted.upper_95 <= limit_mm else "fail"),
+            RaysRight(predicted.upper_95, limit_mm, verdict, predicted.contrast_loss),
             MillimetresRight(
                 percent_95=planned.scale_uncertainty_percent,
                 limit_percent=tolerances.scale_percent,

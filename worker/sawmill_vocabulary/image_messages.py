@@ -71,7 +71,7 @@ class ImageMessage(Message):
         "poses-not-found",
         N_("How the log stands in each view was not found: this needs %(views)d views, and air on both sides of it."),
     )
-    EDGES_DOUBLED = (
-        "edges-doubled",
-        N_("By the calibration's bound, edges may be doubled by up to %(pixels).1f pixels."),
+    GEOMETRY_LOSES_CONTRAST = (
+        "geometry-loses-contrast",
+        N_("By the calibration's bound, knots of 10 mm may lose up to %(loss_percent).0f %% of their contrast."),
     )

@@ -135,6 +135,16 @@ class LogMessage(Message):
         ),
         N_("%(action)s Scan the phantom when the line stops next, and calibrate."),
     )
+    CALIBRATE_SOON = (
+        "log-shows-lost-contrast-within",
+        N_("Calibrate soon: knots of 10 mm lose %(loss_percent).0f %% of their contrast."),
+        N_("%(action)s Scan the phantom when the line stops next, and calibrate."),
+        N_("A log shows: %(moved_mm).2f mm moved, and %(allowed_mm).2f mm is allowed. %(details)s"),
+    )
+    LOST_CONTRAST = (
+        "log-shows-lost-contrast",
+        N_("%(headline)s Knots of 10 mm lose %(loss_percent).0f %% of their contrast."),
+    )
     NOTHING_MOVED = (
         "log-shows-nothing-moved",
         N_("A log shows that nothing has moved."),

@@ -50,6 +50,19 @@ def _of(description: str, example: str | float) -> dict[str, object]:
 
 
 @dataclass(frozen=True)
+class ContrastLoss(AsContract):
+    """Mean losses of an image by rays that are off, over all places and directions in the log's disc."""
+
+    knot_10_mm_percent: float = field(metadata=_of("Contrast that a knot of 10 mm loses, per cent.", 2.1))
+    mtf_percent: float = field(metadata=_of("Loss of the MTF at 0.1 cycles per mm, per cent.", 5.7))
+
+    @property
+    def matters(self) -> bool:
+        """True if a sentence states it: smaller losses are not compared by benchmarks/contrast_loss.py."""
+        return self.knot_10_mm_percent >= 5.0
+
+
+@dataclass(frozen=True)
 class BudgetLine(AsContract):
     """A line of the uncertainty budget: a source, and what it does to the rays and to the image's millimetres."""
 

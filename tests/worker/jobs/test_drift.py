@@ -87,6 +87,16 @@ def test_a_log_says_that_nothing_needs_to_be_done_only_where_a_calibration_that_
     assert ("Nothing needs to be done" in reported.reason) == (code == "log-shows-within")
 
 
+def test_what_a_move_costs_knots_is_stated_from_five_per_cent_on(look, turn):
+    scan = log_scan(turn, replace(THETA, detector_shift_mm=33.0), noise=0.01, seed=4)
+    within, beyond = look(scan, tolerance_mm=3.0), look(scan)
+    cost = f"nots of 10 mm lose {within.contrast_loss.knot_10_mm_percent:.0f} % of their contrast."
+    assert (within.reason[:17], cost in within.reason) == ("Calibrate soon: k", True)
+    codes = within.coded_reason.code, beyond.coded_reason.code
+    assert codes == ("log-shows-lost-contrast-within", "log-shows-lost-contrast")
+    assert f"0.50 mm is allowed. K{cost}" in beyond.reason
+
+
 @pytest.mark.slow
 def test_chance_is_no_reason_for_an_alarm_and_a_large_move_is_one_though_the_scan_is_uncertain(look, turn):
     quiet = look(log_scan(turn))

@@ -267,7 +267,10 @@ def calibration_result(
         standard_deviation=bars and from_deviation(bars.theta_deviation, bars.frame_deviation(frame)),
         covariance=bars and bars.covariance.values.tolist(),
         theta_covariance=None if bars is None or bars.theta_covariance is None else bars.theta_covariance.tolist(),
-        predicted_ray_error_mm=bars and from_predicted(bars.predicted_ray_error, calibration.radius_mm),
+        predicted_ray_error_mm=bars
+        and from_predicted(
+            bars.predicted_ray_error, calibration.scanner, frame, bars.statistics.ray_covariance, calibration.radius_mm
+        ),
         unconstrained_source_distance_mm=findings.source_distance.unconstrained_mm,
         scale_uncertainty_mm=findings.scale.source_distance_mm,
         scale_ray_error_mm=findings.scale.ray_error_mm,

@@ -39,7 +39,9 @@ def run_plan(
         source_frame=fan.frame,
         standard_deviation=from_deviation(planned.theta_deviation, planned.frame_deviation),
         covariance=planned.covariance.tolist(),
-        predicted_ray_error_mm=from_predicted(planned.predicted_ray_error, planned.radius_mm),
+        predicted_ray_error_mm=from_predicted(
+            planned.predicted_ray_error, scanner, fan.frame, planned.covariance, planned.radius_mm
+        ),
         scale_uncertainty_mm=planned.scale.source_distance_mm,
         scale_ray_error_mm=planned.scale.ray_error_mm,
         scale_uncertainty_percent=planned.scale.percent_95,

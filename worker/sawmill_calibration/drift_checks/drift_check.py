@@ -128,6 +128,7 @@ def check_drift(
         moved=changed.moved and nominal is None,
         ray_change_mm=changed.ray_change_mm,
         ray_change_uncertainty_mm=changed.ray_change_uncertainty_mm,
+        contrast_loss=None if nominal else changed.contrast_loss,
         scale_change_percent=100.0 * changed.scale_change,
         scale_change_uncertainty_percent=100.0 * TWO_SIDED_95 * changed.scale_deviation,
         radius_mm=radius_mm,
@@ -228,6 +229,7 @@ def _of_the_detector(
     if zero is not None and _is_far(zero, reference):
         return LogMessage.MOVED_BEFORE(looks=zero.checks, offset_mm=zero.ray_offset_mm, allowed_mm=allowed_mm)
     moved: dict[str, Value] = {"moved_mm": changed.ray_change_mm, "allowed_mm": allowed_mm}
+    lost = {"loss_percent": changed.contrast_loss.knot_10_mm_percent}
     if within is None:
         known = {"moved_mm": changed.ray_change_mm, "allowed_mm": _limit_mm(reference, changed)}
         return LogMessage.UNCERTAIN(**known, error_mm=TWO_SIDED_95 * changed.ray_change_uncertainty_mm)
@@ -237,10 +239,14 @@ def _of_the_detector(
     elif not within:
         allowed_percent = reference.tolerance_scale_percent
         cause = LogMessage.RESCALED(cause, scale_percent=100.0 * changed.scale_change, allowed_percent=allowed_percent)
+    elif changed.moved and changed.contrast_loss.matters:
+        cause = LogMessage.CALIBRATE_SOON(cause, **moved, **lost)
     elif changed.ray_change_mm > (limit_mm := _calibration_limit_mm(reference.calibration)):
         cause = LogMessage.BEYOND_CALIBRATION(cause, **moved, limit_mm=limit_mm)
     elif changed.moved:
         cause = LogMessage.WITHIN(cause, **moved)
+    if not within and changed.contrast_loss.matters:
+        cause = LogMessage.LOST_CONTRAST(cause, **lost)
     return cause if zero is None else LogMessage.SINCE_BASELINE(cause, looks=zero.checks)
 
 

@@ -11,7 +11,7 @@ from sawmill_contracts.calibrations import CalibrationResult, Comparison, FoundG
 from sawmill_contracts.phantoms import PhantomDrawing, SizeMeasurement
 from sawmill_vocabulary import Shape, Theta
 from sawmill_vocabulary.messages import ENGLISH, N_, Reader
-from sawmill_vocabulary.uncertainty import SOURCES
+from sawmill_vocabulary.uncertainty import SOURCES, ContrastLoss
 
 NOT_KNOWN = N_("not known")
 FRAME_SYMBOLS = ("psi", "R", "SDD", "u_c", "tau")
@@ -34,6 +34,7 @@ BUDGET_COLUMNS = (N_("kind"), N_("std. unc."), N_("mm / unit"), N_("rays, mm"), 
 BUDGET_PARTS = {"sum": N_("added up"), "bound": N_("in the bounds alone"), "neither": N_("assumed, in no other number")}
 BUDGET_NOTES = (
     N_("A: from the scan's own scatter. B: from other knowledge. Noise, scatter and misfit are line integrals."),
+    N_("Misfit and the log are allowances for what the model leaves: repeated scans scatter less than these lines."),
     N_("Rays: the sum is %(rms)s mm; the 95 %% bound is %(bound)s mm, by draws from all that counts."),
     N_("Scale: the 95 %% bound is %(scale)s %%, 1.96 times the sum, and the whole aspect."),
     N_("Another distance of the cells changes SDD and u_c alone. Another r_S changes h_S alone, unless R was held."),
@@ -236,6 +237,13 @@ def _measured(side: SizeMeasurement, reader: Reader) -> str:
     return f"{side.dimension} {reader.localised(f'{side.measured_mm:g} ± {side.standard_uncertainty_mm:g} mm')} ({on})"
 
 
+def lost(loss: ContrastLoss, reader: Reader = ENGLISH) -> str:
+    """Format losses of contrast."""
+    both = {"knot": loss.knot_10_mm_percent, "mtf": loss.mtf_percent}
+    values = {name: f"{percent:.2g}" if percent >= 0.1 else "< 0.1" for name, percent in both.items()}
+    return reader.localised(reader.words(N_("knots of 10 mm %(knot)s %%, MTF at 0.1 per mm %(mtf)s %%")) % values)
+
+
 def _extent(drawing: PhantomDrawing) -> tuple[float, float, float, float]:
     wood: Sequence[Shape] = [shape for shape in drawing.shapes if shape.density > 0.0] or drawing.shapes
     extents = np.array([shape.extent_mm for shape in wood])
@@ -282,6 +290,8 @@ def calibration_table(result: CalibrationResult) -> list[tuple[str, str]]:
     ]
     if (error := result.predicted_ray_error_mm) is not None:
         rows.append(("predicted ray error", f"{error.rms:.4f} mm RMS, 95 % below {error.upper_95:.4f} mm"))
+        if error.contrast_loss is not None and error.contrast_loss.matters:
+            rows.append(("  contrast lost (95 %)", lost(error.contrast_loss)))
     rows.append(("ray error from phantom size", f"± {result.scale_ray_error_mm:.3g} mm RMS (systematic)"))
     if result.scale_uncertainty_percent is not None:
         rows.append(("scale of the image", f"± {result.scale_uncertainty_percent:.2g} % (95 %)"))

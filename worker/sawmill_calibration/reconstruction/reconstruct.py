@@ -70,8 +70,6 @@ EXTENT_ROWS = 17
 SLICES_AROUND = 6
 # Number of rows along the log from which the poses of its views are found.
 POSE_ROWS = 3
-# Doubled edges below this are not worth a remark.
-LEAST_DOUBLED_PIXELS = 0.1
 # Number of values from which a volume's range is determined, and the percentiles of the range.
 SAMPLED_VALUES = 4_000_000
 PERCENTILES = (0.1, 97.0, 99.9)
@@ -380,9 +378,10 @@ class _Run:
             seen.add(block.sample)
         merged = gathered(block.findings for block in in_order)
         merged.remarks.extend(self._pose_remarks)
-        pixels = _doubled_pixels(geometry, self._projector.grid.pixel_mm)
-        if pixels >= LEAST_DOUBLED_PIXELS:
-            merged.remark(ImageMessage.EDGES_DOUBLED(pixels=pixels))
+        predicted = geometry.predicted_ray_error_mm if isinstance(geometry, CalibrationResult) else None
+        if predicted is not None and predicted.contrast_loss is not None and predicted.contrast_loss.matters:
+            lost_percent = predicted.contrast_loss.knot_10_mm_percent
+            merged.remark(ImageMessage.GEOMETRY_LOSES_CONTRAST(loss_percent=lost_percent))
         result = ReconstructionResult(
             shape=self.shape,
             pixel_mm=self._projector.grid.pixel_mm,
@@ -403,12 +402,6 @@ class _Run:
             method=solver.report(merged),
         )
         return result, merged.curve
-
-
-def _doubled_pixels(geometry: AnyGeometry, pixel_mm: float) -> float:
-    """Return the bound of the ray error in pixels, by which opposite rays may part; 0 where no bound is known."""
-    predicted = geometry.predicted_ray_error_mm if isinstance(geometry, CalibrationResult) else None
-    return 0.0 if predicted is None else predicted.upper_95 / pixel_mm
 
 
 def _radius_mm(read: ReadRows, geometry: FanViews, slices: int) -> float:

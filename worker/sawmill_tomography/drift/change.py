@@ -11,12 +11,14 @@ from typing import Literal
 
 import numpy as np
 
+from sawmill_tomography.geometry.contrast_loss import contrast_loss
 from sawmill_tomography.geometry.fit_parameters import FitParameter
-from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, Scanner, SourceFrame
+from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, Scanner, SourceFrame, to_vector
 from sawmill_tomography.geometry.ray_error import predicted_ray_error, ray_error, scale_deviation
 from sawmill_vocabulary import DetectorEstimate, Rotation
 from sawmill_vocabulary.messages import Reason
 from sawmill_vocabulary.movement_messages import LogMessage
+from sawmill_vocabulary.uncertainty import ContrastLoss
 
 # The numbers of the geometry that a log's rays show, in the order of their vectors.
 SEEN = [FitParameter.U_C, FitParameter.TILT, FitParameter.SDD]
@@ -151,6 +153,7 @@ class DriftChange:
     # The common scale as a share, and its standard deviation: the effect of a changed SDD on the image's size
     scale_change: float
     scale_deviation: float
+    contrast_loss: ContrastLoss
 
     @property
     def deviation(self) -> FloatArray:
@@ -223,10 +226,10 @@ def drift_change(
     moved_frame = replace(calibrated, cor_column_mm=u_c, tilt_rad=tau, source_to_detector_mm=sdd)
     frame_covariance = np.zeros((5, 5))
     frame_covariance[np.ix_(SEEN, SEEN)] = spread
-    rays, scale = _moved_rays(scanner, calibrated, moved_frame, radius_mm)
+    rays, scale, lost = _moved_rays(scanner, calibrated, moved_frame, radius_mm)
     uncertainty = predicted_ray_error(scanner, moved_frame, frame_covariance, radius_mm=radius_mm).rms_mm
     of_scale = scale_deviation(scanner, moved_frame, frame_covariance, radius_mm=radius_mm)
-    return DriftChange(change, covariance, rays, uncertainty, scale, of_scale)
+    return DriftChange(change, covariance, rays, uncertainty, scale, of_scale, lost)
 
 
 def zero_offset_mm(scanner: Scanner, calibrated: SourceFrame, zero: DetectorEstimate, *, radius_mm: float) -> float:
@@ -235,13 +238,16 @@ def zero_offset_mm(scanner: Scanner, calibrated: SourceFrame, zero: DetectorEsti
     return _moved_rays(scanner, calibrated, replace(calibrated, cor_column_mm=u_c, tilt_rad=tau), radius_mm)[0]
 
 
-def _moved_rays(scanner: Scanner, calibrated: SourceFrame, moved: SourceFrame, radius_mm: float) -> tuple[float, float]:
-    """Return the RMS distance of the rays in mm, and the common scale that is removed, as a share."""
+def _moved_rays(
+    scanner: Scanner, calibrated: SourceFrame, moved: SourceFrame, radius_mm: float
+) -> tuple[float, float, ContrastLoss]:
+    """Return the RMS distance of the rays in mm, the common scale that is removed, as a share, and what images lose."""
     try:
         error = ray_error(scanner, calibrated, moved, radius_mm=radius_mm)
     except GeometryError:  # the calibrated rays no longer meet the log
-        return radius_mm, 0.0
-    return error.rms_mm, error.scale_change
+        return radius_mm, 0.0, ContrastLoss(100.0, 100.0)
+    lost = contrast_loss(scanner, calibrated, to_vector(moved) - to_vector(calibrated), radius_mm=radius_mm)
+    return error.rms_mm, error.scale_change, lost
 
 
 def _counted(change: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sawmill_tomography.geometry.detector_shape import cell_centres_mm, cell_points, lines_of, wave_shapes
 from sawmill_tomography.geometry.fit_parameters import FitParameter
-from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, Scanner, SourceFrame
+from sawmill_tomography.geometry.geometry import TAU, FloatArray, GeometryError, Scanner, SourceFrame
 from sawmill_tomography.statistics import exceeded_chi_square
 from sawmill_vocabulary.geometry import MOST_WAVES
 
@@ -19,6 +19,8 @@ PREDICTED_AT = 4
 DRAWS = 4096
 # Degrees of freedom of the error that no parameter has: of the estimate of its variance.
 FREEDOM = 8
+# Rings of places in a log, and points on each: twice as many change no loss of contrast by 1 %.
+RINGS, POINTS_PER_RING = 6, 60
 
 
 @dataclass(frozen=True)
@@ -389,6 +391,34 @@ class _ModuleMoves:
         added = np.zeros(DRAWS)
         added[real] = factor * (factor * own[number] + 2.0 * (errors[real] * (formed + by_known)[number]).sum(axis=1))
         return added
+
+
+def ring_displacements(
+    scanner: Scanner, frame: SourceFrame, parameters: int, *, radius_mm: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return how far errors displace rays through places of a log, (rings, points, parameters), mm, and the weights.
+
+    A place sees in the views of a full turn what the points of a ring see in the source frame; rings have equal shares
+    of the disc. What moves a place, and blurs nothing, is removed. The parameters are those of `predicted_ray_error`.
+    The weights (rings, points) are shares in the mean over directions and places; 0 where no ray meets the detector.
+    """
+    turn = np.exp(1j * TAU * (np.arange(POINTS_PER_RING) + 0.5) / POINTS_PER_RING)
+    places = radius_mm * np.sqrt((np.arange(RINGS)[:, None] + 0.5) / RINGS) * turn
+    source, direction = _rays(scanner, frame)
+    rays, seen = direction @ [1.0, 1j], places - source @ [1.0, 1j]
+    angles, fan = np.angle(seen), np.angle(rays)
+    # The ray through a place turns by 1 - Re(place / seen) for each radian of the turn.
+    weights = np.where((angles - fan.min()) * (angles - fan.max()) < 0.0, 1.0 - (places / seen).real, 0.0)
+    cells = np.abs(fan - angles.reshape(-1, 1)).argmin(axis=1)
+    points = source + (seen.ravel() * rays[cells].conj()).real[:, None] * direction[cells]
+    of_places = parameters > 5 + 2 * len(scanner.detector_modules)
+    derivative = _derivatives(scanner, frame, points[:, None], cells, (), of_places=of_places)[:, :parameters]
+    displacements = derivative.reshape(*seen.shape, parameters)
+    normal = 1j * rays[cells].reshape(seen.shape) * turn.conj()
+    shared = np.stack([normal.real, normal.imag], -1)
+    weighted = np.swapaxes(shared * weights[..., None], 1, 2)
+    moved = np.linalg.pinv(weighted @ shared, hermitian=True) @ (weighted @ displacements)
+    return displacements - shared @ moved, weights / max(float(weights.sum()), 1e-9)
 
 
 def exceeded_ray_error(

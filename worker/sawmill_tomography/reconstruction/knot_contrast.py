@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from sawmill_tomography.geometry.contrast_loss import AROUND, KNOT_MM
 from sawmill_tomography.geometry.geometry import TAU, FloatArray
 from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.projection.projector import Image, Projector
@@ -26,7 +27,7 @@ from sawmill_tomography.reconstruction.total_variation_weights import TOLERANCE
 
 # Diameters of the inserts, and their attenuation above the wood's, in the wood's typical attenuation: a knot is 15 to
 # 45 % denser.
-DIAMETERS_MM, DENSER = (10.0, 20.0), 0.3
+DIAMETERS_MM, DENSER = (KNOT_MM, 20.0), 0.3
 # Inserts of each diameter, on a circle of this share of the log's radius; a smaller log has no room for them.
 INSERTS, CIRCLE, LEAST_RADIUS_MM = 4, 0.5, 60.0
 # Larger pixels show no knot of 10 mm.
@@ -37,8 +38,6 @@ OUTLINE_PIXEL = 4
 # than 10 % from 20 views on; at 12 views, as much as another place of the inserts (CT slice of docs/understand/wood.md,
 # simulated logs, 0.5 and 2 % noise).
 LARGER_ITERATIONS, OWN_ITERATIONS = 8, 4
-# Outer radius of the ring around an insert that it is compared with, and the inner one, in the insert's radius.
-AROUND = (1.3, 2.0)
 
 
 def knot_contrasts(

@@ -98,6 +98,8 @@ def print_drift(result: DriftResult) -> None:
     if not of_given:
         moved = f"{result.ray_change_mm:.3f} ± {result.ray_change_uncertainty_mm:.2g} mm RMS"
         table.add_row("rays moved", "", "", moved, "", "")
+        if result.contrast_loss is not None:
+            table.add_row("contrast lost", "", "", numbers.lost(result.contrast_loss), "", "")
     has_scale = result.scale_change_percent is not None and result.scale_change_uncertainty_percent is not None
     if has_scale and not of_given:
         scale = f"{result.scale_change_percent:+.3f} ± {result.scale_change_uncertainty_percent:.2g} %"
