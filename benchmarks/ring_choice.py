@@ -76,7 +76,8 @@ def main() -> None:
         print(f"log {index}, {len(lines)} views: {made.parameters['ring_weight'][0]:g}, {shares[-1]:.3f}", flush=True)
     with_rings = sum(weight < 1.0 for weight in rings)
     print(f"rings in {with_rings} of {len(rings)} bodies, none in {without} of {len(shares)} logs")
-    print(f"error of the logs {np.exp(np.mean(np.log(shares))):.3f} times that by total variation")
+    if shares:
+        print(f"error of the logs {np.exp(np.mean(np.log(shares))):.3f} times that by total variation")
 
 
 if __name__ == "__main__":
