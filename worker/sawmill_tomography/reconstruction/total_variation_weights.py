@@ -46,8 +46,8 @@ COUPLINGS = ((0.0, 1.0), (0.2, 0.85), (0.4, 0.75), (0.7, 0.65))
 # (benchmarks/tree_disc.py).
 RING_CANDIDATES = ((1.0, (1.0,)), (0.1, (1.5,)), (0.03, (0.7, 1.4, 2.8)), (0.01, (2.0,)))
 # Rings are taken where they predict better than a mean of two without: directions along edges alone count by this
-# share, total variation by the rest. From 0.71 to 0.83 none of 170 boards, discs and L shapes gets rings
-# (benchmarks/ring_choice.py). A least gain over total variation gave rings to 17 of them, and none to 19 of 49 scans of
+# share, total variation by the rest. From 0.71 to 0.87 none of 170 boards, discs and L shapes gets rings
+# (benchmarks/ring_choice.py). A least gain over total variation gave rings to 18 of them, and none to 19 of 49 scans of
 # the CT slice, the published log and six simulated logs: now to 8, seven of them from 12 views.
 EDGES_SHARE = 0.75
 VALIDATION_VIEWS = 4
