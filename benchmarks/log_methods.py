@@ -175,5 +175,7 @@ METHODS: dict[str, Method] = {
     "Cauchy MAP": ours("cauchy_map", ("sigma", "beta"), judged_only=True),
     "total variation": ours("total_variation", ("weight",), coupling="none"),
     "total variation, coupled": ours("total_variation", ("weight", "coupling"), coupling="auto"),
+    "ring-aware": ours("ring_tv", ("weight", "ring_weight"), coupling="none"),
+    "ring-aware, coupled": ours("ring_tv", ("weight", "ring_weight", "coupling"), coupling="auto"),
     "2-D total variation, tuned": tuned_in_the_plane,
 }

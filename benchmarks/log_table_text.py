@@ -16,7 +16,8 @@ Figures = dict[str, Any]
 # Figures of all logs of a number of views and a noise, by the log and by the method.
 Logs = dict[str, dict[str, Figures]]
 Measure = Callable[[Figures], float | None]
-ALONE, COUPLED = "total variation", "total variation, coupled"
+# Methods with and without coupling.
+ALONE, COUPLED = ("total variation", "ring-aware"), "{}, coupled"
 
 
 def tables(folder: Path) -> Iterator[str]:
@@ -36,7 +37,8 @@ def tables(folder: Path) -> Iterator[str]:
     yield from pivot("Published log, error", published, middle_row, 4)
     yield from pivot("Published log, processor seconds a slice", published, lambda one: one["cpu_s"], 3)
     for (views, noise), logs in sorted(whole.items()):
-        yield from coupling(f"{views} views, {100.0 * noise:g} % noise", logs)
+        for name in ALONE:
+            yield from coupling(name, f"{views} views, {100.0 * noise:g} % noise", logs)
 
 
 def middle_row(one: Figures) -> float:
@@ -83,12 +85,14 @@ def geometric_mean(values: list[float]) -> float:
     return float(np.exp(np.mean(np.log(values))))
 
 
-def coupling(title: str, logs: Logs) -> Iterator[str]:
-    """Tabulate the coupled figure as a share of the uncoupled one: over the logs, then log by log."""
-    both = [(kept[ALONE], kept[COUPLED]) for kept in logs.values() if {ALONE, COUPLED} <= kept.keys()]
+def coupling(name: str, title: str, logs: Logs) -> Iterator[str]:
+    """Tabulate a method's coupled figure as a share of the uncoupled one: over the logs, then log by log."""
+    coupled = COUPLED.format(name)
+    both = [(kept[name], kept[coupled]) for kept in logs.values() if {name, coupled} <= kept.keys()]
     if not both:
         return
-    yield f"Coupled as a share of uncoupled, {title}:\n\n| | mean | least | largest | each log |\n|---|---|---|---|---|"
+    yield f"Coupled {name} as a share of uncoupled, {title}:\n"
+    yield "| | mean | least | largest | each log |\n|---|---|---|---|---|"
     measures: dict[str, Measure] = {
         "error of all rows": all_rows,
         "error without two rows at either end": lambda one: float(np.mean(one["errors"][2:-2])),
@@ -96,10 +100,10 @@ def coupling(title: str, logs: Logs) -> Iterator[str]:
         "contrast of the knot": partial(contrast, "knot"),
         "processor seconds": lambda one: one["cpu_s"],
     }
-    for name, measure in measures.items():
-        pairs = [(measure(coupled), measure(alone)) for alone, coupled in both]
+    for figure, measure in measures.items():
+        pairs = [(measure(after), measure(before)) for before, after in both]
         shares = [after / before for after, before in pairs if after and before]
         if shares:
             each = " ".join(f"{share:.3f}" for share in shares)
-            yield f"| {name} | {geometric_mean(shares):.3f} | {min(shares):.3f} | {max(shares):.3f} | {each} |"
+            yield f"| {figure} | {geometric_mean(shares):.3f} | {min(shares):.3f} | {max(shares):.3f} | {each} |"
     yield ""

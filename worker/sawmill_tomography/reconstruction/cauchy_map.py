@@ -214,7 +214,12 @@ def choose_sigma_and_beta(
             NoiseMultiple(at_usual_beta.factor), usual_beta, support.embedded(at_usual_beta.images[:1])[0]
         )
     betas = usual_beta * BETA_STEPS
-    pairs = _best_sigmas(tuning, noises, betas, at_usual_beta, phases.of("beta"))
+    on_beta, near, pairs = phases.of("beta"), at_usual_beta.images, list[_BestSigma]()
+    for one, step in zip(betas, BETA_STEPS, strict=True):
+        part = part_of(on_beta, len(pairs) / betas.size, 1.0 / betas.size)
+        # Around the sigma that the best one at the usual beta predicts.
+        sigmas = at_usual_beta.factor * step**SIGMA_POWER * NEAR_FACTORS
+        pairs.append(_best_sigma(tuning, noises, one, sigmas, near, counting_iterations(part, TUNING_ITERATIONS)))
     factors = np.array([pair.factor for pair in pairs])
     validation = cross_validate(
         Objective(support.projector, problem.lines, _weights(factors, noises, problem.lines), _prior(betas)),
@@ -233,7 +238,7 @@ def choose_sigma_and_beta(
 
 
 class _BestSigma(NamedTuple):
-    """The best sigma for a beta, as a multiple of the noise, its error and its images (2, n, n) of `TuningErrors`."""
+    """The best sigma for a beta, as a multiple of the noise, its error and its images (2, n, n)."""
 
     factor: float
     error: float
@@ -249,25 +254,8 @@ def _best_sigma(
     on_iteration: OnIteration,
 ) -> _BestSigma:
     weights = _weights(factors, noises, tuning.lines[:1])
-    tuned = tuning.errors(weights, _prior(np.full(factors.size, beta)), start, on_iteration)
-    return _BestSigma(*parabola_minimum(factors, tuned.errors), tuned.images[np.argmin(tuned.errors)])
-
-
-def _best_sigmas(
-    tuning: SyntheticTuning, noises: Floats, betas: Floats, at_usual_beta: _BestSigma, on_progress: OnProgress
-) -> list[_BestSigma]:
-    """Find the best sigma for each beta, near the value predicted from the best one at the usual beta."""
-    return [
-        _best_sigma(
-            tuning,
-            noises,
-            beta,
-            at_usual_beta.factor * step**SIGMA_POWER * NEAR_FACTORS,
-            at_usual_beta.images,
-            counting_iterations(part_of(on_progress, index / betas.size, 1.0 / betas.size), TUNING_ITERATIONS),
-        )
-        for index, (beta, step) in enumerate(zip(betas, BETA_STEPS, strict=True))
-    ]
+    errors, images = tuning.errors(weights, _prior(np.full(factors.size, beta)), start, on_iteration)
+    return _BestSigma(*parabola_minimum(factors, errors), images[np.argmin(errors)])
 
 
 def _weights(factors: Floats, noises: Floats, lines: Images) -> Images:

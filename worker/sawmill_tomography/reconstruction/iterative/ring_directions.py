@@ -44,25 +44,22 @@ def ring_directions(images: Images, grid: ImageGrid, typical: Floats, joined: Fl
     joined : (slices - 1,) float
         Not 0 between slices that are neighbours along the log: the pith runs smoothly there.
     """
-    pixel, low = grid.pixel_mm, np.asarray(grid.low_mm, np.float64)
-    smoothing = max(GRADIENT_MM / pixel, GRADIENT_PIXELS)
-    relative = images / np.asarray(typical, np.float32)[:, None, None]
-    slopes: Images = np.stack(
-        [
-            np.float32(smoothing)
-            * scipy.ndimage.gaussian_filter(relative, (0.0, smoothing, smoothing), order=(0, *order))
-            for order in ((1, 0), (0, 1))
-        ],
-        axis=1,
-    )
+    relative, low = images / np.asarray(typical, np.float32)[:, None, None], np.asarray(grid.low_mm, np.float64)
+    slopes = _slopes(relative, grid)
     centres, radii, inside = outlines(relative, grid)
     piths = _piths(slopes, inside, grid, centres, radii, joined)
-    products: Images = np.stack([slopes[:, 0] ** 2, slopes[:, 0] * slopes[:, 1], slopes[:, 1] ** 2], axis=1)
-    window = WINDOW_MM / pixel
-    tensor = scipy.ndimage.gaussian_filter(products, (0.0, 0.0, window, window), truncate=3.0)
     out = np.empty_like(slopes)
-    kernels.directions(tensor, low, pixel, centres, radii, piths, CIRCLES**2, out)
+    kernels.directions(_structure(slopes, grid), low, grid.pixel_mm, centres, radii, piths, CIRCLES**2, out)
     return out
+
+
+def edge_directions(images: Images, grid: ImageGrid, typical: Floats) -> Images:
+    """Return what `ring_directions` does without the circles: vectors whose length falls to 0 where no edge is."""
+    relative = images / np.asarray(typical, np.float32)[:, None, None]
+    xx, xy, yy = _structure(_slopes(relative, grid), grid).swapaxes(0, 1)
+    strength, angle = np.hypot(xx - yy, 2.0 * xy), 0.5 * np.arctan2(2.0 * xy, xx - yy)
+    vectors: Images = np.sqrt(strength / (strength + CIRCLES**2)) * np.stack([np.cos(angle), np.sin(angle)])
+    return np.ascontiguousarray(vectors.swapaxes(0, 1), np.float32)
 
 
 def enlarged(directions: Images, size: int) -> Images:
@@ -91,6 +88,21 @@ def outlines(relative: Images, grid: ImageGrid) -> tuple[Floats, Floats, Images]
     bark = 2 * round(BARK_MM / grid.pixel_mm) + 1
     inside = scipy.ndimage.minimum_filter(body.astype(np.uint8), (0, bark, bark)) if bark > 1 else body
     return np.stack([x, y], axis=1) + np.asarray(grid.low_mm), radii, np.asarray(inside, np.float32)
+
+
+def _slopes(relative: Images, grid: ImageGrid) -> Images:
+    """Return the gradients along x and y in typical attenuations per smoothing length, (slices, 2, n, n)."""
+    smoothing = max(GRADIENT_MM / grid.pixel_mm, GRADIENT_PIXELS)
+    widths = (0.0, smoothing, smoothing)
+    slopes = [scipy.ndimage.gaussian_filter(relative, widths, order=(0, *order)) for order in ((1, 0), (0, 1))]
+    return np.asarray(np.float32(smoothing) * np.stack(slopes, axis=1))
+
+
+def _structure(slopes: Images, grid: ImageGrid) -> Images:
+    """Return the structure tensor xx, xy, yy, (slices, 3, n, n)."""
+    products: Images = np.stack([slopes[:, 0] ** 2, slopes[:, 0] * slopes[:, 1], slopes[:, 1] ** 2], axis=1)
+    window = WINDOW_MM / grid.pixel_mm
+    return np.asarray(scipy.ndimage.gaussian_filter(products, (0.0, 0.0, window, window), truncate=3.0))
 
 
 def _piths(slopes: Images, inside: Images, grid: ImageGrid, centres: Floats, radii: Floats, joined: Floats) -> Floats:

@@ -20,14 +20,6 @@ SEED = 23
 
 
 @dataclass(frozen=True, eq=False)
-class TuningErrors:
-    """The errors of the candidates."""
-
-    errors: Floats  # (candidates,)
-    images: Images  # (candidates, 2, n, n) float32: images of the real and of the synthetic scan
-
-
-@dataclass(frozen=True, eq=False)
 class SyntheticTuning:
     """A scan and its synthetic counterpart.
 
@@ -52,28 +44,23 @@ class SyntheticTuning:
 
     def errors(
         self, weights: Images, prior: Prior, start: Images | None = None, on_iteration: OnIteration | None = None
-    ) -> TuningErrors:
-        """Reconstruct both scans with each candidate, in parallel.
+    ) -> tuple[Floats, Images]:
+        """Return each candidate's error, and its images (candidates, 2, n, n) of the real and the synthetic scan.
 
         `weights` (candidates, views, detector) float32. `start` (2, n, n) float32: start images; by default the
         reference.
         """
-        if start is None:
-            start = np.stack([self.reference, self.reference])
+        start = np.stack([self.reference, self.reference]) if start is None else start
+        count = len(weights)
+        lines = np.tile(self.lines, (count, 1, 1))
         minimum = descend(
-            self._objective(weights, prior),
-            np.tile(start, (len(weights), 1, 1)),
+            Objective(self.projector, lines, np.repeat(weights, 2, axis=0), prior.repeated(2)),
+            np.tile(start, (count, 1, 1)),
             non_negative=self.non_negative,
             iterations=ITERATIONS,
             tolerance=TOLERANCE,
             on_iteration=on_iteration,
         )
-        images = minimum.images.reshape(len(weights), *start.shape)
+        images = minimum.images.reshape(count, *start.shape)
         distances = np.square(images - self.reference, dtype=np.float64).sum(axis=(2, 3))
-        return TuningErrors(np.log(distances).sum(axis=1), images)
-
-    def _objective(self, weights: Images, prior: Prior) -> Objective:
-        """Return the objective of the real and the synthetic scan in turn, for each candidate."""
-        return Objective(
-            self.projector, np.tile(self.lines, (len(weights), 1, 1)), np.repeat(weights, 2, axis=0), prior.repeated(2)
-        )
+        return np.log(distances).sum(axis=1), images
