@@ -63,8 +63,7 @@ def theta_covariance(scanner: Scanner, frame: SourceFrame, theta: Theta, covaria
         change[0] = math.remainder(change[0], 2.0 * math.pi)
         columns.append(change / (2.0 * step))
     slope = np.stack(columns, -1)
-    propagated: FloatArray = slope @ covariance @ slope.T
-    return propagated
+    return np.asarray(slope @ covariance @ slope.T)
 
 
 _LINEAR = [GramTerm.SHADOW, GramTerm.ONE]
@@ -82,8 +81,7 @@ def reduce(grams: FloatArray, kept: Sequence[int]) -> tuple[FloatArray, FloatArr
 def unit_scale(normal: FloatArray) -> FloatArray:
     """Return the scale (n,) that makes the diagonal of a normal matrix one: radians and millimetres differ by 1e4."""
     diagonal = np.diag(normal)
-    scale: FloatArray = np.where(diagonal > 0.0, 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0)), 0.0)
-    return scale
+    return np.asarray(np.where(diagonal > 0.0, 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0)), 0.0))
 
 
 def scaled_inverse(normal: FloatArray, least: float = 1e-11) -> FloatArray:
@@ -98,5 +96,4 @@ def pseudo_inverse(matrix: FloatArray, least: float) -> FloatArray:
     values, vectors = np.linalg.eigh(matrix)
     size = np.abs(values)
     kept = size > least * size.max()
-    inverse: FloatArray = vectors[:, kept] / values[kept] @ vectors[:, kept].T
-    return inverse
+    return np.asarray(vectors[:, kept] / values[kept] @ vectors[:, kept].T)

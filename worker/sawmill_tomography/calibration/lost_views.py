@@ -85,8 +85,7 @@ def _choices(angles_rad: FloatArray) -> FloatArray:
     after = np.arange(views) >= np.round(PLACES * views)[:, None]
     spread = [(1.0 - share) * from_first + share * turn * after for share in SHARES]
     counted = [from_first + share / (1.0 - share) * turn * after for share in SHARES]
-    choices: FloatArray = angles_rad[0] + np.concatenate([PACES[:, None] * from_first, *spread, *counted])
-    return choices
+    return np.asarray(angles_rad[0] + np.concatenate([PACES[:, None] * from_first, *spread, *counted]))
 
 
 def _coarse_fits(task: CalibrationTask, seed: int, on_step: OnStep) -> list[tuple[RankedFit, FloatArray]]:
@@ -149,16 +148,14 @@ def _measured(task: CalibrationTask, start: RankedFit, angles_rad: FloatArray, o
 
 def _counted(from_first: FloatArray, lost: FloatArray) -> FloatArray:
     """Return angles (views,) that go on by as many more steps as views were lost before each view."""
-    counted: FloatArray = from_first + np.append(0.0, np.cumsum(np.diff(from_first) * np.diff(lost)))
-    return counted
+    return np.asarray(from_first + np.append(0.0, np.cumsum(np.diff(from_first) * np.diff(lost))))
 
 
 def _misfit_by_view(phantom: Phantom, data: SinogramData, fit: Fit) -> FloatArray:
     """Return the sum of squares that the model of a fit leaves in each view at the data's angles, (views,)."""
     terms = [GramTerm.SHADOW, GramTerm.ONE, GramTerm.DATA]
     shares = np.array([fit.gain, fit.offset, -1.0])
-    misfits: FloatArray = data.gram(phantom, fit.to_vector())[:, terms][:, :, terms] @ shares @ shares
-    return misfits
+    return np.asarray(data.gram(phantom, fit.to_vector())[:, terms][:, :, terms] @ shares @ shares)
 
 
 def _newton(phantom: Phantom, data: SinogramData, fit: Fit) -> FloatArray:

@@ -64,5 +64,4 @@ def _coarse(stack: NDArray[np.floating]) -> FloatArray:
     views, rows, cells = stack.shape
     binned = max(1, cells // CELLS)
     some = np.asarray(stack[:: max(1, views // VIEWS), :, : cells // binned * binned], np.float64)
-    means: FloatArray = some.reshape(len(some), rows, -1, binned).mean(axis=3).transpose(1, 0, 2).reshape(rows, -1)
-    return means
+    return np.asarray(some.reshape(len(some), rows, -1, binned).mean(axis=3).transpose(1, 0, 2).reshape(rows, -1))

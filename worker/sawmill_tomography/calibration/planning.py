@@ -95,5 +95,4 @@ def _inverse(phantom: Phantom, grams: FloatArray) -> FloatArray:
             f"a scan of the phantom {phantom.name!r} leaves {names} undetermined: choose a body with less symmetry, or "
             "more views of it"
         )
-    inverse: FloatArray = (vectors / values) @ vectors.T * np.outer(scale, scale)
-    return inverse
+    return np.asarray((vectors / values) @ vectors.T * np.outer(scale, scale))

@@ -134,16 +134,13 @@ def narrow_peaks(sinogram: FloatArray, views: NDArray[np.bool_], pitch_mm: float
         return None
     peaks = np.zeros(sinogram.shape, np.uint8)
     peaks[:, width + 1 : -width - 1] = _peaks(_excess(sinogram, width), deep)
-    wide: NDArray[np.bool_] = scipy.ndimage.maximum_filter1d(peaks, width, axis=1, mode="constant") > 0
-    return wide
+    return np.asarray(scipy.ndimage.maximum_filter1d(peaks, width, axis=1, mode="constant") > 0)
 
 
 def _excess(sinogram: FloatArray, width: int) -> FloatArray:
     """Compute by how much samples exceed samples `width` cells to either side, (views, cells less 2 widths)."""
-    excess: FloatArray = sinogram[:, width:-width] - np.maximum(sinogram[:, : -2 * width], sinogram[:, 2 * width :])
-    return excess
+    return np.asarray(sinogram[:, width:-width] - np.maximum(sinogram[:, : -2 * width], sinogram[:, 2 * width :]))
 
 
 def _peaks(excess: FloatArray, deep: float) -> NDArray[np.bool_]:
-    peaks: NDArray[np.bool_] = (excess[:, :-2] + excess[:, 1:-1] + excess[:, 2:]) > 3.0 * deep
-    return peaks
+    return np.asarray((excess[:, :-2] + excess[:, 1:-1] + excess[:, 2:]) > 3.0 * deep)

@@ -131,8 +131,7 @@ def _coming_to_rest(share: float) -> tuple[Effect, Effect]:
 
     def shape(model: ScanModel) -> FloatArray:
         gone = np.exp(-(progress(model) + 0.5) / share)
-        still_to_go: FloatArray = gone - gone.mean()
-        return still_to_go
+        return np.asarray(gone - gone.mean())
 
     return (
         Effect(

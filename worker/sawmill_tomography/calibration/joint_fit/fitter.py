@@ -665,7 +665,7 @@ class JointFitter:
         return False
 
     def _dropped_impossible(self, effects: Iterable[Fitted]) -> bool:
-        """Drop those of these effects that are fitted and not possible; return whether there were any."""
+        """Drop the effects among these that are fitted and not possible; return whether there were any."""
         impossible = [one for one in effects if one in self.fitted and not one.effect.possible(self.model, one.sizes)]
         for one in impossible:
             self.model = moved(self.model, one.columns, -one.sizes)

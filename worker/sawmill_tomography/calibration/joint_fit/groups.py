@@ -170,8 +170,7 @@ class Group:
         values, square = np.maximum(values, 0.0), (vectors.T @ score) ** 2
         s = self.sizes[:, None] ** 2
         likelihood = 0.5 * (s * square / (1.0 + s * values) - np.log1p(s * values)).sum(axis=1)
-        evidence: FloatArray = self.log_odds - math.log(SIZES) + likelihood
-        return evidence
+        return np.asarray(self.log_odds - math.log(SIZES) + likelihood)
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,14 +203,12 @@ class Posterior:
     @cached_property
     def mean(self) -> FloatArray:
         """Sizes (used,) of groups' columns, and changes of the base's."""
-        mean: FloatArray = self.covariance @ self.zero[self.used] / self.variance
-        return mean
+        return np.asarray(self.covariance @ self.zero[self.used] / self.variance)
 
     @cached_property
     def sensitivity(self) -> FloatArray:
         """What the fitted columns take up of each column, (used, n)."""
-        sensitivity: FloatArray = self.covariance @ self.system.normal[self.used] / self.variance
-        return sensitivity
+        return np.asarray(self.covariance @ self.system.normal[self.used] / self.variance)
 
     @cached_property
     def left_of_all(self) -> tuple[FloatArray, FloatArray]:

@@ -43,8 +43,7 @@ def averaging(
     )
     rays *= gain
     by_cell = rays.reshape(len(data.sinogram), cells.count, FINE_RAYS)
-    difference: FloatArray = by_cell.mean(axis=2) + np.log(np.exp(-by_cell).mean(axis=2))
-    return difference
+    return np.asarray(by_cell.mean(axis=2) + np.log(np.exp(-by_cell).mean(axis=2)))
 
 
 INTENSITY_AVERAGING = EffectFinding(Adjustment.INTENSITY_AVERAGING, _adjust)

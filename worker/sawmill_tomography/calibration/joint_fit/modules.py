@@ -333,8 +333,7 @@ class ModuleSearch:
 
     def _of_kink(self, values: FloatArray) -> FloatArray:
         """Return the sums as `_moved` does, each cell's value times its movement by a kink."""
-        sums: FloatArray = _moved(values * self._turn * self._u) - self._border * _moved(values * self._turn)
-        return sums
+        return np.asarray(_moved(values * self._turn * self._u) - self._border * _moved(values * self._turn))
 
 
 @dataclass(frozen=True, eq=False)
@@ -358,16 +357,14 @@ class _Left:
     def score_of_kink_alone(self) -> FloatArray:
         """Score (cells,) of the part of a kink that the gap leaves."""
         of_gap, of_kink = self.scores
-        alone: FloatArray = of_kink - self.between / self.gap * of_gap
-        return alone
+        return np.asarray(of_kink - self.between / self.gap * of_gap)
 
     @property
     def of_kink_alone(self) -> FloatArray:
         """Information (cells,) about a kink that the gap leaves; infinite where both are alike."""
         share = self.between**2 / (self.gap * self.kink)
         apart = np.isfinite(self.gap) & np.isfinite(self.kink) & (share < 1.0 - LEAST_SEEN)
-        information: FloatArray = np.where(apart, self.kink * (1.0 - share), np.inf)
-        return information
+        return np.asarray(np.where(apart, self.kink * (1.0 - share), np.inf))
 
 
 def _moved(values: FloatArray) -> FloatArray:

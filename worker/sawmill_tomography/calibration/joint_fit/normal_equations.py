@@ -314,8 +314,7 @@ class ViewGrams:
     def _of_kept(self, term: Term) -> FloatArray:
         """Return the weighted products (views, cells) of the derivatives by u_c and by a term of `KEPT`."""
         weights = np.where(self.weights > 0.0, self.weights, 1.0)
-        products: FloatArray = self._by_column * self._weighted[KEPT.index(term)] / weights
-        return products
+        return np.asarray(self._by_column * self._weighted[KEPT.index(term)] / weights)
 
     def _with_terms(self, columns: Sequence[Column], terms: Sequence[Term]) -> FloatArray:
         """Return the inner products (views, terms, columns) of terms and columns before anything is projected out."""

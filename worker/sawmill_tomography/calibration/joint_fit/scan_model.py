@@ -377,8 +377,7 @@ class ScanModel:
         if not square:
             return np.empty(0)
         taps = analytic.blur_taps(math.sqrt(square))
-        both: FloatArray = np.concatenate([taps[:0:-1], taps])
-        return both
+        return np.asarray(np.concatenate([taps[:0:-1], taps]))
 
     @cached_property
     def blurred(self) -> FloatArray:
@@ -399,8 +398,7 @@ class ScanModel:
     @cached_property
     def lagging(self) -> FloatArray:
         """Intensity of the view before less the view's own, as a share of the view's own, (views, cells)."""
-        late: FloatArray = np.expm1(self.blurred - np.concatenate([self.blurred[:1], self.blurred[:-1]]))
-        return late
+        return np.asarray(np.expm1(self.blurred - np.concatenate([self.blurred[:1], self.blurred[:-1]])))
 
     @cached_property
     def added(self) -> FloatArray:

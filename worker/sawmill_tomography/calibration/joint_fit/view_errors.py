@@ -63,5 +63,4 @@ def _drawn(covariance: FloatArray, rng: np.random.Generator) -> FloatArray:
     values, vectors = np.linalg.eigh(covariance)
     drawn = rng.standard_normal((DRAWS // 2, len(values)))
     drawn /= np.sqrt((drawn**2).mean(axis=0))
-    errors: FloatArray = drawn @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
-    return errors
+    return np.asarray(drawn @ (vectors * np.sqrt(np.maximum(values, 0.0))).T)

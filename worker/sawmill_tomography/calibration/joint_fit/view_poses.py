@@ -43,8 +43,7 @@ class PoseSizes:
         """Return the inverse covariance (views, 3, 3) of the poses in the order of `POSE`."""
         axes = beam_axes(model)
         own = np.array([self.roll_rad, self.across_mm, self.along_mm])
-        precision: FloatArray = axes / own**2 @ np.swapaxes(axes, 1, 2)
-        return precision
+        return np.asarray(axes / own**2 @ np.swapaxes(axes, 1, 2))
 
 
 def beam_axes(model: ScanModel) -> FloatArray:

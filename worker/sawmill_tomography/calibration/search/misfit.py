@@ -193,5 +193,4 @@ def shadow_guesses(
 def random_guesses(box: FloatArray, count: int, rng: np.random.Generator) -> FloatArray:
     """Draw a Latin hypercube of `count` guesses (R, ln M, u_c, tau) in the box (4, 2)."""
     strata = rng.permuted(np.tile(np.arange(count), (4, 1)), axis=1).T
-    guesses: FloatArray = box[:, 0] + (strata + rng.uniform(size=(count, 4))) / count * (box[:, 1] - box[:, 0])
-    return guesses
+    return np.asarray(box[:, 0] + (strata + rng.uniform(size=(count, 4))) / count * (box[:, 1] - box[:, 0]))
