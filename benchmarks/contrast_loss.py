@@ -2,9 +2,8 @@
 
     python benchmarks/contrast_loss.py [--scans 50] [--write]
 
-Knots of 10 mm are simulated with geometries that are disturbed at random, and reconstructed with the undisturbed one by
-`fbp`. Each is measured about its centre of mass, and compared with an undisturbed one as large as the image's scale
-makes it: a shift and a common scale blur nothing. Pins show the MTF. Two minutes of a core.
+Knots of 10 mm are simulated with disturbed geometries and reconstructed with the undisturbed one by `fbp`. Each is
+measured about its centre of mass, and compared with an undisturbed one as large. Pins show the MTF. Two minutes.
 """
 
 import argparse

@@ -70,11 +70,13 @@ def main() -> None:
         projector, lines = scan_of(log, index, rng)
         truth, made = log.rasterise(projector.grid.size, FIELD_MM), ring_tv(projector, lines)
         without += int(made.parameters["ring_weight"][0] == 1.0)
-        plain = total_variation(projector, lines)
-        shares.append(relative_error(made.image, truth) / relative_error(plain.image, truth))
+        shares.append(
+            relative_error(made.image, truth) / relative_error(total_variation(projector, lines).image, truth)
+        )
         print(f"log {index}, {len(lines)} views: {made.parameters['ring_weight'][0]:g}, {shares[-1]:.3f}", flush=True)
-    with_rings = sum(weight < 1.0 for weight in rings)
-    print(f"rings in {with_rings} of {len(rings)} bodies, none in {without} of {len(shares)} logs")
+    print(
+        f"rings in {sum(weight < 1.0 for weight in rings)} of {len(rings)} bodies, none in {without} of {len(shares)} logs"
+    )
     if shares:
         print(f"error of the logs {np.exp(np.mean(np.log(shares))):.3f} times that by total variation")
 
