@@ -10,8 +10,7 @@ relative error, how far the edges are off in mm, and SSIM of both.
 
 The best pair is sought on five sigmas by four betas, each descended to from the next larger beta, on the pixels
 around the log, and then on three by three around the best of them, on all pixels; what the rule finds counts as well.
-The rules were tuned on the logs of seeds from 7000 to 9700 at 128 and 256 pixels; the seeds 9800 (128) and 9900 (256)
-were not used before.
+The rules were tuned on logs of seeds from 7000 to 9700; the seeds 9800 (128 pixels) and 9900 (256) were not used.
 
     python benchmarks/choosing.py [--logs 14] [--size 128] [--seed 9800]
 """

@@ -29,8 +29,7 @@ MEASURES = [f"worker/sawmill_tomography/geometry/{name}.py" for name in ("contra
 VIEWS, RADIUS_MM = 480, 120.0
 # Pixels to a cell's width at the COR, over which their mean is taken; how far a knot's image reaches; a pin's diameter.
 FINER, REACH_MM, PIN_MM = 3, 18.0, 2.0
-# Sizes of knots and pins, relative to their own. Losses below this share are not compared.
-SCALES, LEAST = (0.95, 1.0, 1.05), 0.05
+SCALES, LEAST = (0.95, 1.0, 1.05), 0.05  # relative sizes of knots and pins; losses below this share are not compared
 FLAT, NARROW = Scanner(859.46, 256, 4.5), Scanner(859.46, 768, 1.5)
 MODULES = replace(NARROW, detector_modules=(DetectorModule(256, 0.0, 0.0), DetectorModule(512, 0.0, 0.0)))
 FRAME, TILTED = SourceFrame(0.3, 890.0, 1600.0, -30.0, -0.08), SourceFrame(0.3, 890.0, 1300.0, 80.0, 0.3)

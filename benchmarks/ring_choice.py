@@ -21,10 +21,9 @@ from sawmill_tomography.reconstruction.quality import relative_error
 from sawmill_tomography.reconstruction.total_variation import ring_tv, total_variation
 from sawmill_tomography.reconstruction.total_variation_weights import choose_ring_weight
 
-FIELD_MM, WOOD_PER_MM, LOG_MM = 200.0, 0.015, 80.0
-# Half a board's diagonal and the largest disc's radius, in mm.
-DIAGONAL_MM, DISC_MM = 90.0, 88.0
-SEED, FIRST_LOG = 1, 500
+SEED, FIRST_LOG, WOOD_PER_MM = 1, 500, 0.015
+# The field, a log's and the largest disc's radius, half a board's diagonal.
+FIELD_MM, LOG_MM, DISC_MM, DIAGONAL_MM = 200.0, 80.0, 88.0, 90.0
 
 
 def body_without_rings(index: int, rng: np.random.Generator) -> Phantom:
@@ -74,9 +73,8 @@ def main() -> None:
             relative_error(made.image, truth) / relative_error(total_variation(projector, lines).image, truth)
         )
         print(f"log {index}, {len(lines)} views: {made.parameters['ring_weight'][0]:g}, {shares[-1]:.3f}", flush=True)
-    print(
-        f"rings in {sum(weight < 1.0 for weight in rings)} of {len(rings)} bodies, none in {without} of {len(shares)} logs"
-    )
+    found = sum(weight < 1.0 for weight in rings)
+    print(f"rings in {found} of {len(rings)} bodies, none in {without} of {len(shares)} logs")
     if shares:
         print(f"error of the logs {np.exp(np.mean(np.log(shares))):.3f} times that by total variation")
 
