@@ -11,7 +11,7 @@ from sawmill_vocabulary.uncertainty import ContrastLoss
 # to the second of these numbers, in its radius. The frequency of the MTF, cycles per mm: a period is a knot's diameter.
 KNOT_MM, AROUND, MTF_PER_MM = 10.0, (1.3, 2.0), 0.1
 # Errors that are drawn from a covariance. Frequencies and displacements of the table of a knot's loss.
-DRAWS, FREQUENCIES, DISPLACEMENTS = 1024, 400, 400
+DRAWS, FREQUENCIES, DISPLACEMENTS = 256, 400, 400
 
 
 def contrast_loss(scanner: Scanner, frame: SourceFrame, error: FloatArray, *, radius_mm: float) -> ContrastLoss:
