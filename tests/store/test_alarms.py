@@ -95,8 +95,7 @@ def test_several_schedulers_open_and_close_each_alarm_once_over_a_quarter(store,
                 clock.advance(days=5)
             for other in others:
                 other.close()
-    quiet = [what for what, of in events_of(store) if of == "scanner-quiet"]
-    assert quiet == ["opened", "closed"] * 11 + ["opened"]
+    assert [what for what, of in events_of(store) if of == "scanner-quiet"] == ["opened", "closed"] * 11 + ["opened"]
     assert [what for what, of in events_of(store) if of == "no-phantom-scan"] == ["opened"]
     assert [alarm.kind for alarm in store.alarms.open(scanner_id=scanner.id)] == ["no-phantom-scan", "scanner-quiet"]
 

@@ -224,8 +224,7 @@ def test_a_sinogram_in_the_order_of_radon_is_read_when_asked_for_and_named_by_th
     each = AngleList(tuple(angles_deg))
     with pytest.raises(UnreadableScan, match=f"there are 6 angles, one for each cell: .* {hint}"):
         read_scan(tmp_path / "scan.mat", counts=False, angles_deg=each)
-    as_steps = read_scan(tmp_path / "scan.mat", counts=False, angles_deg=STEPS)
-    assert "fits the cells" in as_steps.remarks[-1]
+    assert "fits the cells" in read_scan(tmp_path / "scan.mat", counts=False, angles_deg=STEPS).remarks[-1]
     scan = read_scan(tmp_path / "scan.mat", counts=False, angles_deg=each, transpose=True)
     np.testing.assert_array_equal(scan.projections, stack[:, :1])
     np.save(tmp_path / "scan.npy", stack[:, 0])

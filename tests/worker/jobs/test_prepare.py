@@ -243,8 +243,7 @@ def test_block_by_block_a_scan_becomes_what_it_becomes_at_once(prepare, exposed,
     assert apart.remarks == whole.remarks
     assert len(whole.remarks) >= 5
     of_all = whole.stack[:, ~np.isnan(whole.stack[:, :, 0]).any(axis=0)]
-    as_given = prepare([of_all, None, None], window, together=together)
-    np.testing.assert_array_equal(as_given.stack, of_all)
+    np.testing.assert_array_equal(prepare([of_all, None, None], window, together=together).stack, of_all)
 
 
 @pytest.mark.parametrize("together", [(1, 1), (1, ROWS)])
