@@ -27,10 +27,8 @@ def limited(store, scanner, **limits):
 
 def phantom(store, expires_on):
     """Create a phantom whose measurement is good until a day."""
-    measured = [
-        SizeMeasurement(dimension=axis, measured_mm=100, standard_uncertainty_mm=0.1, expires_on=expires_on)
-        for axis in "xy"
-    ]
+    size = {"measured_mm": 100, "standard_uncertainty_mm": 0.1, "expires_on": expires_on}
+    measured = [SizeMeasurement(dimension=axis, **size) for axis in "xy"]
     drawing = PhantomDrawing(name="disc", shapes=[Disc(center_mm=(0, 0), radius_mm=50)], measurements=measured)
     return store.phantoms.create(drawing).id
 

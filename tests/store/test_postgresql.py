@@ -66,11 +66,8 @@ def test_a_paused_server_is_given_up_and_waited_for_by_one_thread_alone(store, p
 
 
 def test_a_statement_in_progress_is_given_up_when_the_server_is_paused(store, postgres):
-    with (
-        pytest.raises(StorageUnavailable, match="has not answered for 4 s"),
-        store.database.read() as session,
-        postgres.paused(),
-    ):
+    given_up = pytest.raises(StorageUnavailable, match="has not answered for 4 s")
+    with given_up, store.database.read() as session, postgres.paused():
         session.connection().exec_driver_sql("SELECT 1")
     check_until_it_answers(store)
 

@@ -165,14 +165,8 @@ def test_npy_of_any_real_type_and_order(tmp_path, rng, dtype, order):
 
 @pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
 def test_npz_with_everything(tmp_path, stack, angles_deg, save):
-    save(
-        tmp_path / "scan.npz",
-        projections=stack,
-        angles_rad=np.deg2rad(angles_deg),
-        flats=np.full((2, 3, 8), 9e4),
-        darks=np.ones((3, 8)),
-        other=stack,
-    )
+    fields = {"flats": np.full((2, 3, 8), 9e4), "darks": np.ones((3, 8))}
+    save(tmp_path / "scan.npz", projections=stack, angles_rad=np.deg2rad(angles_deg), **fields, other=stack)
     scan = read_as("npz", stack, tmp_path / "scan.npz", counts=True)
     np.testing.assert_allclose(scan.angles_rad, np.deg2rad(angles_deg), rtol=1e-15)
     assert (scan.flats.shape, scan.darks.shape) == ((2, 3, 8), (1, 3, 8))
