@@ -33,8 +33,7 @@ PositiveMm = Annotated[float, Field(gt=0, le=LARGEST_MM)]
 SMALLEST_MM = {"source_to_cor_mm": 1.0, "detector_pitch_mm": 1e-3, "row_pitch_mm": 1e-3}
 # The contract states these bounds, and `ScannerRequest` checks them: earlier versions have stored smaller values.
 _SourceMm = Annotated[
-    PositiveMm,
-    WithJsonSchema({"type": "number", "minimum": SMALLEST_MM["source_to_cor_mm"], "maximum": LARGEST_MM}),
+    PositiveMm, WithJsonSchema({"type": "number", "minimum": SMALLEST_MM["source_to_cor_mm"], "maximum": LARGEST_MM})
 ]
 _PitchMm = Annotated[
     PositiveMm, WithJsonSchema({"type": "number", "minimum": SMALLEST_MM["row_pitch_mm"], "maximum": LARGEST_MM})
