@@ -42,13 +42,13 @@ def logged(folder: Path, event: str) -> list[dict]:
 @contextmanager
 def serving(folder: Path, *flags: str, prefix: Sequence[str] = (), **variables: str) -> Iterator[tuple]:
     """`sawmill serve` on a free port, which it logs once it answers: a client of it, and its process."""
-    told, log = environment(SAWMILL_LOG_FORMAT="json", **variables), folder / "service.log"
+    environ, log = environment(SAWMILL_LOG_FORMAT="json", **variables), folder / "service.log"
 
     def addresses() -> list[dict]:
         assert server.poll() is None, log.read_text()
         return logged(folder, "serving")
 
-    with process([*prefix, *command(folder, *flags)], told, log) as server:
+    with process([*prefix, *command(folder, *flags)], environ, log) as server:
         wait_until(addresses)
         address = f"http://127.0.0.1:{addresses()[0]['url'].rpartition(':')[2]}"
         with httpx.Client(base_url=address, trust_env=False, headers={"Connection": "close"}) as client:
@@ -112,8 +112,8 @@ def test_connections_are_sent_at_once_end_without_their_client_and_refused_ones_
 def test_a_folder_is_served_once_and_as_soon_as_its_service_was_killed_to_as_many_as_have_room(tmp_path):
     """Requests beyond the connections get a plain 503 until some have ended."""
     with serving(tmp_path) as (_, first):
-        asked, told = command(tmp_path), environment()
-        second = subprocess.run(asked, env=told, capture_output=True, text=True, timeout=START_S, check=False)
+        asked, environ = command(tmp_path), environment()
+        second = subprocess.run(asked, env=environ, capture_output=True, text=True, timeout=START_S, check=False)
         first.kill()
     assert second.returncode == 1
     assert f"is served by process {first.pid} already: stop that one" in second.stderr
