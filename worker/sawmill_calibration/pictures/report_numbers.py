@@ -220,11 +220,9 @@ def phantom_sides(drawing: PhantomDrawing, reader: Reader = ENGLISH) -> str:
     """Describe the phantom's measured sides with their dates, or its drawn extent if nobody measured it."""
     if drawing.measurements:
         return "; ".join(_measured(each, reader) for each in drawing.measurements)
-    wood: Sequence[Shape] = [shape for shape in drawing.shapes if shape.density > 0.0] or drawing.shapes
-    extents = np.array([shape.extent_mm for shape in wood])
-    x_mm, y_mm = extents[:, 2:].max(axis=0) - extents[:, :2].min(axis=0)
+    low_x, low_y, high_x, high_y = _extent(drawing)
     drawn = reader.words(N_("drawn %(size)s along x and y; no measurement is recorded"))
-    return drawn % {"size": reader.localised(f"{x_mm:g} x {y_mm:g} mm")}
+    return drawn % {"size": reader.localised(f"{high_x - low_x:g} x {high_y - low_y:g} mm")}
 
 
 def size_tolerance(drawing: PhantomDrawing, reader: Reader = ENGLISH) -> str:
@@ -236,6 +234,14 @@ def size_tolerance(drawing: PhantomDrawing, reader: Reader = ENGLISH) -> str:
 def _measured(side: SizeMeasurement, reader: Reader) -> str:
     on = reader.words(N_("no date")) if side.measured_on is None else f"{side.measured_on:%Y-%m-%d}"
     return f"{side.dimension} {reader.localised(f'{side.measured_mm:g} ± {side.standard_uncertainty_mm:g} mm')} ({on})"
+
+
+def _extent(drawing: PhantomDrawing) -> tuple[float, float, float, float]:
+    wood: Sequence[Shape] = [shape for shape in drawing.shapes if shape.density > 0.0] or drawing.shapes
+    extents = np.array([shape.extent_mm for shape in wood])
+    low_x, low_y = extents[:, :2].min(axis=0)
+    high_x, high_y = extents[:, 2:].max(axis=0)
+    return float(low_x), float(low_y), float(high_x), float(high_y)
 
 
 def _slope_degrees(theta: Theta) -> float:
