@@ -265,13 +265,8 @@ def milliseconds(method, views):
 
 
 def test_every_shell_block_is_run_by_a_test():
-    run = [
-        README,
-        DEMO,
-        FIRST_CALIBRATION,
-        PHANTOM,
-        *(ROOT / f"docs/do/{name}.md" for name in ("export", "fixed-pairs", "simulate", "send-a-scan")),
-    ]
+    others = [ROOT / f"docs/do/{name}.md" for name in ("export", "fixed-pairs", "simulate", "send-a-scan")]
+    run = [README, DEMO, FIRST_CALIBRATION, PHANTOM, *others]
     run += [ROOT / "docs/start/first-program.md"]  # by test_client_programs.py
     run += [ROOT / "docs/understand/measured.md"]  # by test_measured.py
     run += [ROOT / "docs/do/image-quality.md"]  # by test_image_quality.py

@@ -70,13 +70,8 @@ def test_what_the_service_says_at_a_start_is_quoted_as_it_is(sources):
 
 def test_codes_in_the_headings_of_errors_have_their_status():
     texts = (ROOT / "service/sawmill_service/problem_texts").glob("*.toml")
-    status = {
-        code: problem["status"]
-        for path in texts
-        for problem in tomllib.loads(path.read_text())["problem"]
-        if "status" in problem
-        for code in problem["codes"]
-    }
+    problems = [problem for path in texts for problem in tomllib.loads(path.read_text())["problem"]]
+    status = {code: one["status"] for one in problems if "status" in one for code in one["codes"]}
     for page in PAGES:
         for number, code in re.findall(r"\b([45]\d\d) `([a-z-]+)`", page.read_text()):
             if code not in {"disk-full", "ready"}:

@@ -120,10 +120,7 @@ def _shown(client: httpx.Client, output: Path, folder: Path, size: DemoSize, ste
     sparse = _calibrate(client, step, f"Calibrating with {SPARSE_VIEWS} views", scan_id, SPARSE_VIEWS)
     facts = [(f"calibration, {each.views} views", _verdict(each)) for each in (found, sparse)]
     report, overlay, result = (f"simulated-{name}" for name in ("report.html", "overlay.png", "result.h5"))
-    files = [
-        (report, "the calibration's report"),
-        (result, "the calibration with its sinogram, model and residual"),
-    ]
+    files = [(report, "the calibration's report"), (result, "the calibration with its sinogram, model and residual")]
     for address, name in (
         (f"/calibrations/{found.id}/report", report),
         (f"/v1/calibrations/{found.id}/overlay.png", overlay),

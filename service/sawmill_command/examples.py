@@ -59,11 +59,7 @@ def record(folder: Path) -> None:
     stack = mill_stack(views, mill_slices()[:1])
     buffer = io.BytesIO()
     np.savez_compressed(
-        buffer,
-        projections=stack.counts,
-        flats=stack.flats,
-        darks=stack.darks,
-        angles_deg=np.rad2deg(full_turn(views)),
+        buffer, projections=stack.counts, flats=stack.flats, darks=stack.darks, angles_deg=np.rad2deg(full_turn(views))
     )
     (folder / seeding.PHANTOM_FILE).write_bytes(buffer.getvalue())
     pairs = TypeAdapter(PairedScanner).validate_python({"pairs": DECLARATION.to_ask.example["body"]["pairs"]})

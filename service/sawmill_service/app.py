@@ -148,7 +148,9 @@ def create_app(
         required=exposed or settings.behind_proxy,
         failures=FailedLogins(settings.failed_login_rate_limit),
     )
-    app.state.metrics = _metrics(store)
+    registry = CollectorRegistry()
+    registry.register(Measures(store))
+    app.state.metrics = registry
     app.state.stopping = Stopping()
     app.state.digests = Digests()
     app.state.transfers = Transfers()
@@ -198,9 +200,3 @@ def _all_routes() -> list[BaseRoute]:
     for router in (*asked.routers(), *(routes.router for routes in ROUTERS), *PAGES):
         every.include_router(router)
     return every.routes
-
-
-def _metrics(store: Store) -> CollectorRegistry:
-    registry = CollectorRegistry()
-    registry.register(Measures(store))
-    return registry

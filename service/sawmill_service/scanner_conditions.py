@@ -123,8 +123,7 @@ def conditions_of(store: Store) -> list[ScannerCondition]:
 
 def condition_of(store: Store, scanner: StoredScanner) -> ScannerCondition:
     """Return the condition of one scanner; raise `NotFound` if it was deleted a moment ago."""
-    opened = store.alarms.open(scanner_id=scanner.id)
-    found = _conditions(store, store.overviews.read(scanner_id=scanner.id), opened)
+    found = _conditions(store, store.overviews.read(scanner_id=scanner.id), store.alarms.open(scanner_id=scanner.id))
     if not found:
         raise NotFound("scanner", scanner.id)
     return found[0]

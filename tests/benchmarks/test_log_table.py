@@ -139,8 +139,7 @@ def test_each_log_is_wood_in_air_and_its_data_are_its_integrals(geometry, seed):
     truth, data = log.truth(FINE_GRID), log.sinograms(geometry, noise=0.0)
     assert truth.min() >= 0.0
     assert not truth[:, :2].any()
-    wood = truth[:, 31:33, 31:33].mean()
-    assert 0.008 < wood < 0.03
+    assert 0.008 < truth[:, 31:33, 31:33].mean() < 0.03
     projected = Projector(geometry, FINE_GRID).forward(truth)
     # The truth's area means keep the attenuation of a whole view.
     assert data.sum(axis=-1) == pytest.approx(projected.sum(axis=-1), rel=5e-3)

@@ -42,10 +42,8 @@ def test_of_four_scans_one_is_clean_two_have_one_effect_and_one_has_two():
 def test_a_clean_scan_has_nothing_but_unequal_cells_and_a_size():
     physics = StudyScan.of(0, SEED).physics
     size = physics.wood.size_percent
-    expected = Physics(
-        detector=dataclasses.replace(Physics().detector, gain_spread=mill_scans.GAIN_SPREAD),
-        wood=dataclasses.replace(Physics().wood, size_percent=size),
-    )
+    detector = dataclasses.replace(Physics().detector, gain_spread=mill_scans.GAIN_SPREAD)
+    expected = Physics(detector=detector, wood=dataclasses.replace(Physics().wood, size_percent=size))
     assert physics == expected
     assert 0.0 < abs(size) < 1.0
 

@@ -92,10 +92,8 @@ def test_every_row_keeps_its_number_and_its_own_views(whole, mended, scans):
     np.testing.assert_array_equal(~np.isnan(mended.line_integrals[:, :, 0]), scans.there)
     # Flats of a wrong row would leave 5 %; the air of a row is measured over other views than without the loss.
     assert np.abs((mended.line_integrals - whole.line_integrals)[scans.there]).max() < 0.01
-    assert (
-        f"{int((scans.top > 0).sum())} of {VIEWS} views moved by 0 to {scans.top.max()} whole rows"
-        in mended.remarks[-1]
-    )
+    moved = f"{int((scans.top > 0).sum())} of {VIEWS} views moved by 0 to {scans.top.max()} whole rows"
+    assert moved in mended.remarks[-1]
 
 
 def test_the_calibration_uses_all_rows_of_the_board_and_is_as_good(calibrations):

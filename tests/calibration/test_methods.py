@@ -377,9 +377,8 @@ def test_a_volume_larger_than_the_disk_and_a_slice_larger_than_the_memory_are_re
     assert failure.value.code == "disk-full"
     assert list(tmp_path.iterdir()) == []
     failures.check_memory(10**9, 10**9)
-    with pytest.raises(
-        JobFailure, match=r"one slice needs 3 GB of memory where 2 GB may be used: ask for a smaller size"
-    ) as failure:
+    sentence = "one slice needs 3 GB of memory where 2 GB may be used: ask for a smaller size"
+    with pytest.raises(JobFailure, match=sentence) as failure:
         failures.check_memory(3 * 10**9, 2 * 10**9)
     assert failure.value.code == "out-of-memory"
 

@@ -212,10 +212,8 @@ def test_no_value_crosses_with_a_number_that_is_not_finite(theta, value):
 
 def test_standard_deviations_have_the_names_of_what_they_are_of():
     assert list(geometry.ThetaDeviation.model_fields) == [one.name for one in fields(Theta)]
-    assert list(geometry.SourceFrameDeviation.model_fields) == [
-        *(one.name for one in fields(SourceFrame)),
-        "magnification",
-    ]
+    of_frame = [one.name for one in fields(SourceFrame)]
+    assert list(geometry.SourceFrameDeviation.model_fields) == [*of_frame, "magnification"]
 
 
 @pytest.mark.parametrize("name", BUILT_IN_PHANTOMS)

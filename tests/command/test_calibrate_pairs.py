@@ -81,8 +81,7 @@ def test_one_passage_is_watched_with_the_remedy_and_dead_cells_do_no_harm(run, t
 
 def test_the_table_of_two_passages_passes_and_dead_cells_do_no_harm(run, two, tmp_path):
     scans = with_dead_cells(run, two, tmp_path / "dead.h5", 2)
-    shown = " ".join(run("calibrate-pairs", two, *scans, *BOARD).stdout.split())
-    assert "2 pairs with L-shape: pass" in shown
+    assert "2 pairs with L-shape: pass" in " ".join(run("calibrate-pairs", two, *scans, *BOARD).stdout.split())
 
 
 def test_passages_that_were_recorded_apart_are_calibrated_as_those_in_one_file(run, two, passed, tmp_path):

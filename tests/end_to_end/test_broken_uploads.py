@@ -353,9 +353,7 @@ def test_of_many_posts_at_once_none_is_refused(tmp_path, offline, phantom_scan, 
             return client.post("/v1/calibrations", json=ask, headers={"Idempotency-Key": str(uuid4())}).status_code
 
         limits = httpx.Limits(max_connections=number)
-        with (
-            httpx.Client(base_url=service.client.base_url, limits=limits, timeout=120.0) as client,
-            ThreadPoolExecutor(number) as pool,
-        ):
+        client = httpx.Client(base_url=service.client.base_url, limits=limits, timeout=120.0)
+        with client, ThreadPoolExecutor(number) as pool:
             statuses = Counter(pool.map(post, range(number)))
     assert statuses == {202: number}

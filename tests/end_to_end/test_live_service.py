@@ -136,8 +136,7 @@ def test_a_broken_upload_is_refused_with_a_sentence_and_leaves_nothing_behind(li
 def mill(live):
     """The live service's data under a clock of the test's own: (store, clock)."""
     clock = SimpleNamespace(time=datetime(2031, 3, 3, 5, 29, tzinfo=UTC))
-    settings = StorageSettings(data_folder=live.data, database_url=None)
-    with closing(Store(settings, clock=lambda: clock.time)) as store:
+    with closing(Store(StorageSettings(data_folder=live.data, database_url=None), clock=lambda: clock.time)) as store:
         yield store, clock
 
 

@@ -50,12 +50,8 @@ class Audit:
     def ledger(self) -> Ledger:
         with self.reading() as connection:
             rows = connection.execute(text("SELECT id, state, losses FROM jobs")).all()
-            return Ledger(
-                {row.id: row.state for row in rows},
-                sum(row.losses for row in rows),
-                list(_twice(connection)),
-                _all_ids(connection),
-            )
+            states, losses = {row.id: row.state for row in rows}, sum(row.losses for row in rows)
+            return Ledger(states, losses, list(_twice(connection)), _all_ids(connection))
 
     @contextmanager
     def reading(self) -> Iterator[Connection]:

@@ -80,8 +80,7 @@ class Asker:
     def ask(self, name: str, number: int = 0) -> Accepted:
         """Request one of the mix; `number` distinguishes plans."""
         plural, options = self._request(name, number)
-        path = "/v1/phantoms/l-shape/plans" if plural == "plans" else f"/v1/{plural}"
-        answer = self._post(path, **options)
+        answer = self._post("/v1/phantoms/l-shape/plans" if plural == "plans" else f"/v1/{plural}", **options)
         work = Work(f"{name} {number % PLANS}" if name == "plan" else name, plural)
         self.accepted.append(Accepted(work, answer["id"], answer["job_id"]))
         return self.accepted[-1]

@@ -147,8 +147,7 @@ def test_an_archive_of_an_image_that_is_not_whole_has_no_archive_s_name(tmp_path
     """buildah breaks off while it writes the archive; all programs but git are fakes."""
     (programs := tmp_path / "programs").mkdir()
     half = 'case "$*" in *push*) for last; do :; done; last=${last#*:}; echo half > "${last%%:*}"; exit 1;; esac'
-    fakes = {"docker": "exit 1", "id": "echo 0", "buildah": half}
-    for name, text in fakes.items():
+    for name, text in {"docker": "exit 1", "id": "echo 0", "buildah": half}.items():
         (programs / name).write_text(f"#!/bin/sh\n{text}\n")
         (programs / name).chmod(0o755)
     environment = {"PATH": f"{programs}:{os.environ['PATH']}", "HOME": str(tmp_path)}

@@ -266,10 +266,8 @@ class FakeWorker:
 
 
 def seed(store: Store, worker: FakeWorker) -> None:
-    spec = ScannerSpec(
-        name="Line <2>",
-        constants=ScannerConstants(source_to_cor_mm=859.46, num_detector_pixels=CELLS, detector_pitch_mm=1.5),
-    )
+    constants = ScannerConstants(source_to_cor_mm=859.46, num_detector_pixels=CELLS, detector_pitch_mm=1.5)
+    spec = ScannerSpec(name="Line <2>", constants=constants)
     for scanner_id in ("example", "example-spare"):
         store.scanners.create(spec, scanner_id=scanner_id)
     drawing = PhantomDrawing(name="disc", shapes=[Disc(center_mm=(0, 0), radius_mm=50)])

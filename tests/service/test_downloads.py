@@ -30,10 +30,8 @@ def test_a_download_is_known_by_its_bytes(seeded):
     for path in FILES:
         whole = seeded.get(path)
         digest, headers = hashlib.sha256(whole.content).digest(), whole.headers
-        assert (headers["ETag"], headers["Repr-Digest"]) == (
-            f'"{digest.hex()}"',
-            f"sha-256=:{b64encode(digest).decode()}:",
-        )
+        assert headers["ETag"] == f'"{digest.hex()}"'
+        assert headers["Repr-Digest"] == f"sha-256=:{b64encode(digest).decode()}:"
         kept = UNCHANGING if path.endswith((".jpg", ".npy")) else "private, no-cache"
         assert (headers["Accept-Ranges"], headers["Cache-Control"]) == ("bytes", kept)
         assert headers.get("Vary") == ("Authorization, Cookie" if kept == UNCHANGING else None)

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from asgi import asynchronous, blocks, scope_of
+from live_service import wait_until
 from machine_faults import database_away
 
 from sawmill_platform.contracts.events import Event
@@ -88,13 +89,6 @@ def follow(seeded, store, watched) -> Callable[..., list[dict[str, Any]]]:
         return blocks(answer.text)
 
     return listen
-
-
-def wait_until(holds: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + 60.0
-    while not holds():
-        assert time.monotonic() < deadline
-        time.sleep(0.005)
 
 
 def happened(heard: list[dict[str, Any]]) -> list[str]:

@@ -6,14 +6,14 @@ import os
 import socket
 import subprocess
 import sys
-import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import httpx
 import pytest
 from asgi import absent
+from live_service import START_S, process, wait_until
 
 from sawmill_service.http.listening import ListenError, RefusedAccepts, is_loopback, listen
 from sawmill_service.settings import ServiceSettings
@@ -22,51 +22,46 @@ pytestmark = pytest.mark.slow
 
 TOKEN = "Zm9yIHRlc3RzIGFsb25lLCBub3QgYSBzZWNyZXQ"  # noqa: S105 - for tests alone
 EVERYWHERE = "0.0.0.0"  # noqa: S104 - what is tested
-START_S, STOP_S = 120.0, 120.0
 OUT_OF_FILES = "socket.accept() out of system resource"
 
 
 def command(folder: Path, *flags: str) -> list[str]:
-    sawmill = Path(sys.executable).with_name("sawmill")
-    return [str(sawmill), "serve", "--data", str(folder / "data"), "--workers", "0", "--no-examples", *flags]
+    sawmill = str(Path(sys.executable).with_name("sawmill"))
+    return [sawmill, "serve", "--data", str(folder / "data"), "--port", "0", "--workers", "0", "--no-examples", *flags]
 
 
 def environment(**variables: str) -> dict[str, str]:
     return {name: value for name, value in os.environ.items() if not name.startswith("SAWMILL_")} | variables
 
 
+def logged(folder: Path, event: str) -> list[dict]:
+    lines = map(json.loads, (folder / "service.log").read_text().splitlines())
+    return [line for line in lines if line["event"] == event]
+
+
 @contextmanager
-def serving(folder: Path, *flags: str, **variables: str) -> Iterator[int]:
-    """`sawmill serve` on a free port, once it answers."""
-    log = folder / "service.log"
-    with log.open("wb") as sink:
-        process = subprocess.Popen(
-            command(folder, "--port", "0", *flags),
-            env=environment(SAWMILL_LOG_FORMAT="json", **variables),
-            stdout=sink,
-            stderr=sink,
-        )
-    try:
-        yield port_of(process, log)
-    finally:
-        process.terminate()
-        process.wait(STOP_S)
+def serving(folder: Path, *flags: str, prefix: Sequence[str] = (), **variables: str) -> Iterator[tuple]:
+    """`sawmill serve` on a free port, which it logs once it answers: a client of it, and its process."""
+    environ, log = environment(SAWMILL_LOG_FORMAT="json", **variables), folder / "service.log"
+
+    def addresses() -> list[dict]:
+        assert server.poll() is None, log.read_text()
+        return logged(folder, "serving")
+
+    with process([*prefix, *command(folder, *flags)], environ, log) as server:
+        wait_until(addresses)
+        address = f"http://127.0.0.1:{addresses()[0]['url'].rpartition(':')[2]}"
+        with httpx.Client(base_url=address, trust_env=False, headers={"Connection": "close"}) as client:
+            yield client, server
 
 
-def port_of(process: "subprocess.Popen[bytes]", log: Path) -> int:
-    """From its own log, after which it answers: its socket listens already."""
-    deadline = time.monotonic() + START_S
-    while time.monotonic() < deadline:
-        assert process.poll() is None, log.read_text()
-        for line in log.read_text().splitlines():
-            if json.loads(line)["event"] == "serving":
-                return int(json.loads(line)["url"].rpartition(":")[2])
-        time.sleep(0.05)
-    raise AssertionError(log.read_text())
+def answer_of(client: httpx.Client) -> tuple[int, str]:
+    answer = client.get("/health/live", timeout=START_S)
+    return answer.status_code, answer.text
 
 
 def test_beyond_loopback_it_does_not_start_without_a_token_and_leaves_nothing_behind(tmp_path):
-    asked = command(tmp_path, "--host", EVERYWHERE, "--port", "0")
+    asked = command(tmp_path, "--host", EVERYWHERE)
     done = subprocess.run(asked, env=environment(), capture_output=True, text=True, timeout=START_S, check=False)
     assert done.returncode == 1
     assert done.stderr.startswith("The service cannot start: 0.0.0.0 can be reached from other machines")
@@ -114,89 +109,52 @@ def test_connections_are_sent_at_once_end_without_their_client_and_refused_ones_
     assert len(passed) == 6
 
 
-def missing_a_proxy(log: Path) -> list[str]:
-    lines = [json.loads(line) for line in log.read_text().splitlines()]
-    return [line["reason"] for line in lines if line["event"] == "no-proxy"]
-
-
 def test_a_folder_is_served_once_and_as_soon_as_its_service_was_killed_to_as_many_as_have_room(tmp_path):
     """Requests beyond the connections get a plain 503 until some have ended."""
-    asked, variables = command(tmp_path, "--port", "0"), environment(SAWMILL_LOG_FORMAT="json")
-    with (tmp_path / "killed.log").open("wb") as log:
-        first = subprocess.Popen(asked, env=variables, stdout=log, stderr=log)
-        try:
-            port_of(first, tmp_path / "killed.log")
-            second = subprocess.run(asked, env=variables, capture_output=True, text=True, timeout=START_S, check=False)
-        finally:
-            first.kill()
-            first.wait(STOP_S)
+    with serving(tmp_path) as (_, first):
+        asked, environ = command(tmp_path), environment()
+        second = subprocess.run(asked, env=environ, capture_output=True, text=True, timeout=START_S, check=False)
+        first.kill()
     assert second.returncode == 1
     assert f"is served by process {first.pid} already: stop that one" in second.stderr
     assert "Traceback" not in second.stderr
     few = {"SAWMILL_MAX_CONNECTIONS": "5", "SAWMILL_MAX_STREAMS": "4"}
     proxy = {"SAWMILL_TOKEN": TOKEN, "SAWMILL_TRUSTED_PROXIES": '["127.0.0.1"]'}
-    with (
-        serving(tmp_path, "--host", EVERYWHERE, **few, **proxy) as port,
-        httpx.Client(base_url=f"http://127.0.0.1:{port}", trust_env=False, headers={"Connection": "close"}) as client,
-    ):
+    with serving(tmp_path, "--host", EVERYWHERE, **few, **proxy) as (client, _):
         modes = {path.name: path.stat().st_mode & 0o777 for path in (tmp_path / "data", tmp_path / "data/sawmill.db")}
         assert modes == {"data": 0o700, "sawmill.db": 0o600}, "nobody else reads the secrets of webhooks"
         with ExitStack() as idle:
             for _ in range(4):
-                idle.enter_context(socket.create_connection(("127.0.0.1", port)))
-            assert answered_with(client, 503).text == "Service Unavailable"
-        assert answered_with(client, 200).text == "alive"
-    assert missing_a_proxy(tmp_path / "service.log") == []
-
-
-def answered_with(client: httpx.Client, status: int) -> httpx.Response:
-    """Ask until the service answers with a status: connections are opened and ended in its own time."""
-    deadline = time.monotonic() + START_S
-    while time.monotonic() < deadline:
-        answer = client.get("/health/live", timeout=START_S)
-        if answer.status_code == status:
-            return answer
-        time.sleep(0.05)
-    raise AssertionError(answer.status_code)
+                idle.enter_context(socket.create_connection(("127.0.0.1", client.base_url.port)))
+            wait_until(lambda: answer_of(client) == (503, "Service Unavailable"))
+        wait_until(lambda: answer_of(client) == (200, "alive"))
+    assert logged(tmp_path, "no-proxy") == []
 
 
 def test_more_connections_than_files_may_be_open_leave_a_service_that_recovers_and_a_short_log(tmp_path):
-    limited = ["bash", "-c", 'ulimit -n 400; exec "$@"', "-", *command(tmp_path, "--port", "0")]
     log = tmp_path / "service.log"
-    with log.open("wb") as sink:
-        process = subprocess.Popen(limited, env=environment(SAWMILL_LOG_FORMAT="json"), stdout=sink, stderr=sink)
-    try:
-        port = port_of(process, log)
+    with serving(tmp_path, prefix=["bash", "-c", 'ulimit -n 400; exec "$@"', "-"]) as (client, _):
         with ExitStack() as idle:
-            deadline = time.monotonic() + START_S
-            while OUT_OF_FILES not in log.read_text():
-                assert time.monotonic() < deadline
+            for _ in range(1000):
+                if OUT_OF_FILES in log.read_text():
+                    break
                 with suppress(TimeoutError):  # as many wait as the system keeps until they are accepted
-                    idle.enter_context(socket.create_connection(("127.0.0.1", port), timeout=1.0))
-        with httpx.Client(base_url=f"http://127.0.0.1:{port}", trust_env=False) as client:
-            assert answered_with(client, 200).text == "alive"
-    finally:
-        process.terminate()
-        process.wait(STOP_S)
-    assert log.read_text().count(OUT_OF_FILES) < 10
-    lines = [json.loads(line) for line in log.read_text().splitlines()]
-    (warning,) = [line for line in lines if line["event"] == "fewer-connections"]
+                    idle.enter_context(socket.create_connection(("127.0.0.1", client.base_url.port), timeout=1.0))
+        wait_until(lambda: answer_of(client) == (200, "alive"))
+    assert 0 < log.read_text().count(OUT_OF_FILES) < 10
+    (warning,) = logged(tmp_path, "fewer-connections")
     assert warning["connections"] == 72
     assert "1024 connections need 2304 open files" in warning["reason"]
 
 
 def test_beyond_loopback_requests_need_the_token_and_the_log_names_once_what_a_proxy_would_add(tmp_path):
     (tmp_path / "token").write_text(f"{TOKEN}\n")
-    variables = {"SAWMILL_TOKEN_FILE": str(tmp_path / "token")}
-    with (
-        serving(tmp_path, "--host", EVERYWHERE, **variables) as port,
-        httpx.Client(base_url=f"http://127.0.0.1:{port}", trust_env=False) as client,
-    ):
+    with serving(tmp_path, "--host", EVERYWHERE, SAWMILL_TOKEN_FILE=str(tmp_path / "token")) as (client, _):
         assert (client.get("/health/ready").status_code, client.get("/v1/scanners").status_code) == (200, 401)
         assert client.get("/v1/scanners", headers={"Authorization": "Bearer guessed"}).status_code == 401
         assert client.get("/v1/scanners", headers={"Authorization": f"Bearer {TOKEN}"}).status_code == 200
         assert client.get("/", auth=("anybody", TOKEN)).status_code == 200
         assert client.get("/health/live", headers={"Host": "mill.example"}).status_code == 421
     assert TOKEN not in (tmp_path / "service.log").read_text()
-    (reason,) = missing_a_proxy(tmp_path / "service.log")
-    assert absent(reason, "TLS", "slow clients") == []
+    (line,) = logged(tmp_path, "no-proxy")
+    assert absent(line["reason"], "TLS", "slow clients") == []

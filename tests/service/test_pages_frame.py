@@ -289,14 +289,9 @@ def test_files_are_sent_as_downloads_with_a_tag_and_nothing_else_is_served(clien
         *("//etc/passwd", "%2Fetc%2Fpasswd", "do/run%00", "do\\run", "generate.py", "docs/do/run.md", "do/run.md"),
         *("documents/LICENSE", "examples/../../settings.py"),
     )
-    files = (
-        "/static/../app.py",
-        "/static/%2e%2e/app.py",
-        "/console/..%2f__init__.py",
-        "/static//etc/passwd",
-        "/static/",
-    )
-    for path in (*files, *(f"/help/{each}" for each in below_help)):
+    below_static = ("../app.py", "%2e%2e/app.py", "/etc/passwd", "")
+    below = {"/static": below_static, "/console": ["..%2f__init__.py"], "/help": below_help}
+    for path in (f"{folder}/{each}" for folder, names in below.items() for each in names):
         answer = client.get(path)
         assert answer.status_code in {404, 422}, path
         assert answer.headers["Content-Type"] == "application/problem+json", path

@@ -119,12 +119,9 @@ def test_a_file_is_inspected_by_a_job_and_what_is_missing_has_the_field_that_giv
     answer = seeded.post("/v1/inspections?name=morning.npz&dataset=entry", content=CONTENT)
     assert (answer.status_code, answer.headers["Retry-After"]) == (202, "1")
     found = seeded.get(answer.headers["Location"]).json()
-    assert (found, woken, found["state"], found["result"]) == (
-        answer.json(),
-        [inspection["job_id"], found["job_id"]],
-        "queued",
-        None,
-    )
+    assert found == answer.json()
+    assert woken == [inspection["job_id"], found["job_id"]]
+    assert (found["state"], found["result"]) == ("queued", None)
     assert found["links"]["job"] == f"/v1/jobs/{found['job_id']}"
     options = found["options"]
     assert (options["name"], options["dataset"], options["size_bytes"]) == ("morning.npz", "entry", len(CONTENT))
@@ -134,11 +131,9 @@ def test_a_file_is_inspected_by_a_job_and_what_is_missing_has_the_field_that_giv
 def test_an_inspected_file_becomes_scans_or_is_inspected_again_without_being_sent_again(seeded, store, inspection):
     scans = [seeded.post(f"{UPLOAD}&inspection_id={inspection['id']}").json() for _ in range(2)]
     for scan in scans:
-        assert (scan["state"], scan["size_bytes"], scan["sha256"]) == (
-            "ingesting",
-            len(CONTENT),
-            inspection["options"]["sha256"],
-        )
+        assert scan["state"] == "ingesting"
+        assert scan["size_bytes"] == len(CONTENT)
+        assert scan["sha256"] == inspection["options"]["sha256"]
         assert store.files.upload(kinds.INGEST, scan["id"]).read_bytes() == CONTENT
     # One file with three names: a scan costs no second room on the disk.
     assert (store.files.upload(kinds.INGEST, scans[0]["id"]).stat().st_nlink, incoming(store)) == (3, [])

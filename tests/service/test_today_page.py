@@ -190,8 +190,7 @@ def test_examples_are_marked_and_counted_nowhere(examples, store, seeded, worker
     checked(seeded, worker, ray_change_mm=0.8, within_tolerance=False, reason="the COR moved")
     assert headline(examples) == "There is no scanner yet"
     assert all('<span class="ribbon">Example</span>' in row for row in rows(examples).values())
-    spec = store.scanners.get("example")
-    mine = store.scanners.create(ScannerSpec(name="Line 1", constants=spec.constants)).id
+    mine = store.scanners.create(ScannerSpec(name="Line 1", constants=store.scanners.get("example").constants)).id
     assert list(rows(examples)) == [mine, "example", "example-spare"]
     assert "example scanner" not in examples.get("/?kiosk").text
 

@@ -12,7 +12,6 @@ import ssl
 import subprocess
 import sys
 import threading
-import time
 from datetime import UTC, datetime, timedelta
 from http.server import HTTPServer
 from pathlib import Path
@@ -20,6 +19,7 @@ from pathlib import Path
 import httpx
 import pytest
 import receivers
+from live_service import wait_until
 from missing_parts import skip_without
 from receivers import receiving, status
 
@@ -304,10 +304,7 @@ def test_the_thread_of_the_service_sends_and_ends(store, receiver, hook):
     happen(store)
     with WebhookSender(store.outbox(), LOOPBACK, poll_s=0.01):
         assert receiver.has(1)
-        deadline = time.monotonic() + 60
-        while store.webhooks.get(hook.id).waiting and time.monotonic() < deadline:
-            time.sleep(0.005)
-    assert store.webhooks.get(hook.id).waiting == 0
+        wait_until(lambda: store.webhooks.get(hook.id).waiting == 0)
     assert store.outbox().hold()  # another process may send at once
 
 

@@ -27,10 +27,8 @@ def limited(store, scanner, **limits):
 
 def phantom(store, expires_on):
     """Create a phantom whose measurement is good until a day."""
-    measured = [
-        SizeMeasurement(dimension=axis, measured_mm=100, standard_uncertainty_mm=0.1, expires_on=expires_on)
-        for axis in "xy"
-    ]
+    size = {"measured_mm": 100, "standard_uncertainty_mm": 0.1, "expires_on": expires_on}
+    measured = [SizeMeasurement(dimension=axis, **size) for axis in "xy"]
     drawing = PhantomDrawing(name="disc", shapes=[Disc(center_mm=(0, 0), radius_mm=50)], measurements=measured)
     return store.phantoms.create(drawing).id
 
@@ -95,8 +93,7 @@ def test_several_schedulers_open_and_close_each_alarm_once_over_a_quarter(store,
                 clock.advance(days=5)
             for other in others:
                 other.close()
-    quiet = [what for what, of in events_of(store) if of == "scanner-quiet"]
-    assert quiet == ["opened", "closed"] * 11 + ["opened"]
+    assert [what for what, of in events_of(store) if of == "scanner-quiet"] == ["opened", "closed"] * 11 + ["opened"]
     assert [what for what, of in events_of(store) if of == "no-phantom-scan"] == ["opened"]
     assert [alarm.kind for alarm in store.alarms.open(scanner_id=scanner.id)] == ["no-phantom-scan", "scanner-quiet"]
 

@@ -151,8 +151,7 @@ def test_what_is_restored_elsewhere_is_all_there_and_goes_on(
         assert (again.state, again.losses, again.attempt, again.worker) == (JobState.QUEUED, 0, claim.attempt, None)
         subjects = [finish(restored).job.subject_id for _ in range(3)]
         assert subjects[:3] == [running.id, calibration.id, waiting.id]
-        newer = restored.events.following(given_back["number"])
-        assert newer[0].number == given_back["number"] + 1
+        assert restored.events.following(given_back["number"])[0].number == given_back["number"] + 1
 
 
 @sqlite_alone

@@ -4,13 +4,14 @@ import signal
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing
+from contextlib import closing, suppress
 from functools import partial
 from urllib.parse import urlsplit
 
 import psycopg
 import pytest
 from emptied_databases import EmptiedDatabases, own_server
+from live_service import wait_until
 from sqlalchemy import text
 from structlog.testing import capture_logs
 
@@ -40,15 +41,13 @@ def assert_refused(store: Store) -> None:
 
 
 def check_until_it_answers(store: Store) -> None:
-    deadline = time.monotonic() + 60.0
-    while True:
-        try:
+    def answers() -> bool:
+        with suppress(StorageUnavailable):
             store.check()
-        except StorageUnavailable:
-            assert time.monotonic() < deadline
-            time.sleep(0.1)
-        else:
-            return
+            return True
+        return False
+
+    wait_until(answers)
 
 
 def test_a_paused_server_is_given_up_and_waited_for_by_one_thread_alone(store, postgres):
@@ -67,11 +66,8 @@ def test_a_paused_server_is_given_up_and_waited_for_by_one_thread_alone(store, p
 
 
 def test_a_statement_in_progress_is_given_up_when_the_server_is_paused(store, postgres):
-    with (
-        pytest.raises(StorageUnavailable, match="has not answered for 4 s"),
-        store.database.read() as session,
-        postgres.paused(),
-    ):
+    given_up = pytest.raises(StorageUnavailable, match="has not answered for 4 s")
+    with given_up, store.database.read() as session, postgres.paused():
         session.connection().exec_driver_sql("SELECT 1")
     check_until_it_answers(store)
 
@@ -154,8 +150,7 @@ def test_an_absent_server_is_awaited_until_it_is_there_or_this_process_ends(fill
     with ThreadPoolExecutor(2) as pool, capture_logs() as log:
         opening = partial(Store.open, filled)
         in_vain, patient = pool.submit(open_store, opening, stop), pool.submit(open_store, opening, threading.Event())
-        while len(log) < 2:
-            time.sleep(0.05)
+        wait_until(lambda: len(log) >= 2)
         assert {entry["event"] for entry in log} == {"database-awaited"}
         stop.set()
         assert in_vain.result(timeout=60) is None

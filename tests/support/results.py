@@ -42,8 +42,7 @@ def comparison(moved_mm: float = 0.05, **changes: Any) -> dict[str, Any]:
 
 
 def reading(**changes: Any) -> dict[str, Any]:
-    shape = {"views": 20, "rows": 1, "detector": 768}
-    read = {"format": "NXtomo", "shape": shape, "angular_range_deg": (0.0, 342.0)}
+    read = {"format": "NXtomo", "shape": {"views": 20, "rows": 1, "detector": 768}, "angular_range_deg": (0.0, 342.0)}
     return {**read, "remarks": ["one invalid frame left out"]} | changes
 
 

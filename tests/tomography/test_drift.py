@@ -34,11 +34,8 @@ WITHOUT_METAL = 9
 
 def log(seed: int) -> Phantom:
     rng = np.random.default_rng(seed)
-    return (
-        LogModel.random(seed, radius_mm=rng.uniform(100, 140))
-        .slice_at(rng.uniform(50, 350))
-        .moved(*rng.uniform(-8, 8, 2))
-    )
+    model = LogModel.random(seed, radius_mm=rng.uniform(100, 140))
+    return model.slice_at(rng.uniform(50, 350)).moved(*rng.uniform(-8, 8, 2))
 
 
 def scan(angles, *, theta=THETA, seed=1, noise=0.01, body=None):

@@ -42,8 +42,7 @@ def test_the_correction_is_undone_by_its_inverse_and_a_beam_that_does_not_harden
 
 def test_noise_grows_by_a_bounded_factor():
     """A ray through metal is not spread over the image."""
-    straight = straightened(HARDENING, np.array([50.0, 51.0]))
-    assert np.diff(straight)[0] == pytest.approx(5.0, rel=1e-4)
+    assert np.diff(straightened(HARDENING, np.array([50.0, 51.0])))[0] == pytest.approx(5.0, rel=1e-4)
 
 
 def test_rays_are_noisier_by_the_slope_of_the_correction():

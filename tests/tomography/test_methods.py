@@ -178,10 +178,8 @@ def test_expected_errors_are_those_measured_and_lie_between_them():
 @pytest.mark.parametrize(("views", "noise"), [(12, 0.02), (20, 0.005), (40, 0.02)])
 def test_the_expected_error_is_within_a_fifth_of_the_error_of_a_log(scanner, theta, full_turn, views, noise):
     """The table was not measured with this log."""
-    log, geometry = (
-        LogModel.random(9701, radius_mm=130.0).slice_at(150.0),
-        FanBeamGeometry(scanner, theta, full_turn(views)),
-    )
+    log = LogModel.random(9701, radius_mm=130.0).slice_at(150.0)
+    geometry = FanBeamGeometry(scanner, theta, full_turn(views))
     sinogram, grid = simulate_sinogram(log, geometry, noise=noise, seed=9701), ImageGrid(256, 400.0)
     chosen = recommend(geometry, sinogram, grid, fitted_size=grid.size)
     assert chosen.method is ReconstructionMethod.RING_TV

@@ -71,8 +71,7 @@ def test_calibrations_scatter_as_planned(fan, phantom):
     whitened = np.mean([error @ np.linalg.solve(planned.covariance, error) for error in errors]) / 5.0
     # A chi-square of 80 degrees of freedom over their number: 1 with a standard deviation of 0.16.
     assert 0.7 < whitened < 1.35
-    rms = float(np.sqrt(np.mean(np.square(distances))))
-    assert rms == pytest.approx(planned.predicted_ray_error.rms_mm, rel=0.3)
+    assert float(np.sqrt(np.mean(np.square(distances)))) == pytest.approx(planned.predicted_ray_error.rms_mm, rel=0.3)
     assert np.mean(np.array(distances) < planned.predicted_ray_error.upper_95_mm) >= 0.85
 
 

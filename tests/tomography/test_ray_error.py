@@ -207,14 +207,8 @@ def test_a_known_module_that_begins_elsewhere_is_wrong_in_the_cells_between(scan
     known, true = (
         replace(scanner, detector_modules=(DetectorModule(first, gap_mm, kink_rad),)) for first in (cell, cell + 4)
     )
-    elsewhere = RayAlternatives(
-        np.array([cell + 4]),
-        np.array([[-gap_mm, kink_rad]]),
-        np.array([[0.0] * 5 + [gap_mm, -kink_rad]]),
-        np.zeros(1, int),
-        np.ones(1),
-        np.ones(1),
-    )
+    changes, steps = np.array([[-gap_mm, kink_rad]]), np.array([[0.0] * 5 + [gap_mm, -kink_rad]])
+    elsewhere = RayAlternatives(np.array([cell + 4]), changes, steps, np.zeros(1, int), np.ones(1), np.ones(1))
     predicted = predicted_ray_error(known, frame, np.zeros((7, 7)), [elsewhere])
     error = ray_error(known, frame, frame, other_scanner=true)
     # Every fourth of the points on the four cells' rays; a kink of 0.02 is its sine to first order only.

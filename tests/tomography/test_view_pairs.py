@@ -199,10 +199,8 @@ def test_faulty_cells_and_corrupt_views_are_left_out():
     scan = noisy(rays, np.random.default_rng(3), rows=100)
     scan[:, 400], scan[7] = 0.0, 30.0
     fit = view_pair_fit(MILL, scan, turn(20), frame, Rotation.AS_GIVEN)
-    assert [words.split(" were")[0] for words in fit.adjustments] == [
-        "1 detector cells without a usable signal",
-        "1 corrupt views",
-    ]
+    left_out = [words.split(" were")[0] for words in fit.adjustments]
+    assert left_out == ["1 detector cells without a usable signal", "1 corrupt views"]
     assert abs(error_of(fit, frame)[0]) < min(0.2, 4.0 * fit.deviation[0])
 
 

@@ -340,14 +340,8 @@ def calibrate(
         `InputError`: an option is wrong, or the scan determines no geometry.
     """
     chosen = options_of(CalibrationOptions, options)
-    limits = options_of(
-        CalibrationLimits,
-        {
-            "tolerance_mm": tolerance_mm,
-            "scale_tolerance_percent": scale_tolerance_percent,
-            "log_radius_mm": log_radius_mm,
-        },
-    )
+    tolerances = {"tolerance_mm": tolerance_mm, "scale_tolerance_percent": scale_tolerance_percent}
+    limits = options_of(CalibrationLimits, {**tolerances, "log_radius_mm": log_radius_mm})
     if chosen.log_rows is not None:
         chosen = chosen.model_copy(update={"log_rows": rows_in_file(scan, chosen.log_rows)})
     with input_errors_translated():

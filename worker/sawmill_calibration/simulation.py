@@ -200,8 +200,7 @@ def write_passages(
         stack = SimulatedStack(one.counts, flats, darks)
         write_simulated_scan(file, stack, np.zeros(passages), pair.scanner, row_pitch_mm)
     true = PairedScanner(tuple(pair.at(frame) for pair, frame in zip(scanner.pairs, frames, strict=True)))
-    beside = path.with_name(f"{path.stem}-true.json")
-    beside.write_bytes(TypeAdapter(PairedScanner).dump_json(true, indent=2) + b"\n")
+    path.with_name(f"{path.stem}-true.json").write_bytes(TypeAdapter(PairedScanner).dump_json(true, indent=2) + b"\n")
     return files
 
 

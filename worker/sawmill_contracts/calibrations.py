@@ -445,8 +445,7 @@ class Accuracy(Contract):
     )
 
     uncertainty_budget: list[BudgetLine] = Field(
-        [],
-        description="Sources of the uncertainty. Empty: no error bars, or an answer of an earlier version.",
+        [], description="Sources of the uncertainty. Empty: no error bars, or an answer of an earlier version."
     )
 
     @property
@@ -531,8 +530,7 @@ class Judged(Contract):
         examples=["pass"],
     )
     limits: CalibrationLimits | None = Field(
-        None,
-        description="Limits of the verdict. Null: an answer of an earlier version, which did not store them.",
+        None, description="Limits of the verdict. Null: an answer of an earlier version, which did not store them."
     )
     reasons: list[str] = Field(
         description="Reasons why the verdict is not pass, and further remarks, in English, the worst first.",

@@ -8,6 +8,7 @@ from pydantic.dataclasses import dataclass
 
 from sawmill_platform.contracts.base import Contract
 from sawmill_vocabulary import LARGEST_MM, CoordinateMm, Scanner, SourceFrame, Theta, ThetaBounds
+from sawmill_vocabulary.outlines import described
 
 
 def _check_range(value: tuple[float, float]) -> tuple[float, float]:
@@ -32,8 +33,7 @@ PositiveMm = Annotated[float, Field(gt=0, le=LARGEST_MM)]
 SMALLEST_MM = {"source_to_cor_mm": 1.0, "detector_pitch_mm": 1e-3, "row_pitch_mm": 1e-3}
 # The contract states these bounds, and `ScannerRequest` checks them: earlier versions have stored smaller values.
 _SourceMm = Annotated[
-    PositiveMm,
-    WithJsonSchema({"type": "number", "minimum": SMALLEST_MM["source_to_cor_mm"], "maximum": LARGEST_MM}),
+    PositiveMm, WithJsonSchema({"type": "number", "minimum": SMALLEST_MM["source_to_cor_mm"], "maximum": LARGEST_MM})
 ]
 _PitchMm = Annotated[
     PositiveMm, WithJsonSchema({"type": "number", "minimum": SMALLEST_MM["row_pitch_mm"], "maximum": LARGEST_MM})
@@ -49,10 +49,9 @@ class ScannerConstants(Scanner):
     detector_pitch_mm: _PitchMm = field(metadata=_SCANNER["detector_pitch_mm"])
     row_pitch_mm: _PitchMm | None = field(
         default=None,
-        metadata={
-            "description": "Distance between detector rows, mm. Left out where slices have no spacing.",
-            "examples": [2.0],
-        },
+        metadata=described(
+            "Distance between detector rows, mm. Left out where slices have no spacing.", examples=[2.0]
+        ),
     )
 
 
@@ -86,13 +85,12 @@ class GivenTheta(Theta):
     """A theta in a request: within what a scanner can be, source and detector on either side of the COR."""
 
     initial_angle_rad: Annotated[float, Field(ge=-1000, le=1000)] = field(
-        metadata={"description": "alpha0, rad; counts modulo 2 pi.", "examples": [2.55]}
+        metadata=described("alpha0, rad; counts modulo 2 pi.", examples=[2.55])
     )
     detector_to_cor_mm: PositiveMm = field(
-        metadata={
-            "description": "r_D, detector to centre of rotation, mm; the source is on the other side.",
-            "examples": [714.7],
-        }
+        metadata=described(
+            "r_D, detector to centre of rotation, mm; the source is on the other side.", examples=[714.7]
+        )
     )
     source_shift_mm: CoordinateMm = field(metadata=_THETA["source_shift_mm"])
     detector_shift_mm: CoordinateMm = field(metadata=_THETA["detector_shift_mm"])

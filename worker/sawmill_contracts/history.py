@@ -48,8 +48,7 @@ class HistoryEntry(Contract):
     )
     subject_id: Identifier = Field(description="Id of the subject.", examples=["example"])
     link: str | None = Field(
-        description="Path of the subject. Null: the subject was deleted since.",
-        examples=["/v1/calibrations/example"],
+        description="Path of the subject. Null: the subject was deleted since.", examples=["/v1/calibrations/example"]
     )
     who: str | None = Field(
         description="Who requested a calibration or a drift check, or cancelled it; for other entries who acted. "

@@ -175,9 +175,7 @@ class ReconstructionOptions(Contract):
         examples=["auto"],
     )
     alpha: Annotated[Positive | None, OfTikhonov] = Field(
-        None,
-        description="Regularisation weight of `tikhonov`, mm². Default: chosen by alpha_rule.",
-        examples=[40.0],
+        None, description="Regularisation weight of `tikhonov`, mm². Default: chosen by alpha_rule.", examples=[40.0]
     )
     alpha_rule: Annotated[AlphaRule, OfTikhonov] = Field(
         AlphaRule.CROSS_VALIDATION, description="Rule by which `tikhonov` chooses alpha.", examples=["cross-validation"]
@@ -634,8 +632,7 @@ The scan may still be read and the calibration still computed: the job waits for
         {"body": {"scan_id": "example"}},
     ),
     to_list=Operation(
-        "List reconstructions, newest first",
-        "All reconstructions, or a selection by scanner, state or span of time.",
+        "List reconstructions, newest first", "All reconstructions, or a selection by scanner, state or span of time."
     ),
     to_get=Operation(
         "Get a reconstruction", "State of the reconstruction, and its shape and range once it has succeeded."

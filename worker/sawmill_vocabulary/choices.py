@@ -6,6 +6,7 @@ from enum import StrEnum
 from typing import Literal, Protocol, Self, TypeVar
 
 from sawmill_vocabulary.messages import N_
+from sawmill_vocabulary.outlines import described
 
 
 class _Negatable(Protocol):
@@ -280,28 +281,21 @@ class ColorMap(StrEnum):
 class Progress:
     """Progress of a running job."""
 
-    fraction: float = field(
-        metadata={"ge": 0, "le": 1, "description": "Share of the work that is done, no unit.", "examples": [0.4]}
-    )
-    stage: str = field(metadata={"description": "Present stage of the work.", "examples": ["search"]})
+    fraction: float = field(metadata=described("Share of the work that is done, no unit.", ge=0, le=1, examples=[0.4]))
+    stage: str = field(metadata=described("Present stage of the work.", examples=["search"]))
     generation: int | None = field(
         default=None,
-        metadata={"description": "Number of the search's generation. Null: no search is running.", "examples": [12]},
+        metadata=described("Number of the search's generation. Null: no search is running.", examples=[12]),
     )
     best_value: float | None = field(
         default=None,
-        metadata={
-            "description": "Best objective of the search, in the objective's own unit. Null: no search is running.",
-            "examples": [0.013],
-        },
+        metadata=described(
+            "Best objective of the search, in the objective's own unit. Null: no search is running.", examples=[0.013]
+        ),
     )
     seconds_left: float | None = field(
         default=None,
-        metadata={
-            "ge": 0,
-            "description": "Seconds until a reconstruction ends, by its pace. Null: not known.",
-            "examples": [40.0],
-        },
+        metadata=described("Seconds until a reconstruction ends, by its pace. Null: not known.", ge=0, examples=[40.0]),
     )
 
 

@@ -18,7 +18,7 @@ from typing import Annotated, Self
 from annotated_types import Interval
 
 from sawmill_vocabulary.choices import ObjectTurns
-from sawmill_vocabulary.outlines import AsContract
+from sawmill_vocabulary.outlines import AsContract, described
 
 TAU = 2.0 * math.pi
 # The unit of an angle in a text.
@@ -79,26 +79,22 @@ class DetectorModule(AsContract):
     """
 
     first_cell: int = field(
-        metadata={"description": "First cell of the module, counted from 0.", "ge": 1, "le": 65535, "examples": [384]}
+        metadata=described("First cell of the module, counted from 0.", ge=1, le=65535, examples=[384])
     )
     gap_mm: float = field(
         default=0.0,
-        metadata={
-            "description": "Distance between the module's first cell and the cell before, beyond the detector pitch, "
-            "mm.",
-            "ge": -1000,
-            "le": 1000,
-            "examples": [0.35],
-        },
+        metadata=described(
+            "Distance between the module's first cell and the cell before, beyond the detector pitch, mm.",
+            ge=-1000,
+            le=1000,
+            examples=[0.35],
+        ),
     )
     kink_rad: float = field(
         default=0.0,
-        metadata={
-            "description": "Angle of the module against the module before, counter-clockwise, rad.",
-            "ge": -0.5,
-            "le": 0.5,
-            "examples": [0.002],
-        },
+        metadata=described(
+            "Angle of the module against the module before, counter-clockwise, rad.", ge=-0.5, le=0.5, examples=[0.002]
+        ),
     )
 
 
@@ -107,59 +103,51 @@ class Scanner(AsContract):
     """Known constants of a scanner, which no calibration determines."""
 
     source_to_cor_mm: float = field(
-        metadata={
-            "description": "r_S, source to centre of rotation, mm.",
-            "gt": 0,
-            "le": LARGEST_MM,
-            "examples": [859.46],
-        }
+        metadata=described("r_S, source to centre of rotation, mm.", gt=0, le=LARGEST_MM, examples=[859.46])
     )
     num_detector_pixels: int = field(
-        metadata={"description": "n_D, number of detector cells.", "ge": 8, "le": 65536, "examples": [768]}
+        metadata=described("n_D, number of detector cells.", ge=8, le=65536, examples=[768])
     )
     detector_pitch_mm: float = field(
-        metadata={
-            "description": "Distance between neighbouring detector cells, mm.",
-            "gt": 0,
-            "le": LARGEST_MM,
-            "examples": [1.502864583],
-        }
+        metadata=described(
+            "Distance between neighbouring detector cells, mm.", gt=0, le=LARGEST_MM, examples=[1.502864583]
+        )
     )
     detector_modules: tuple[DetectorModule, ...] = field(
         default=(),
-        metadata={
-            "description": "Modules of the line detector after the first, in the order of the cells; empty: one "
+        metadata=described(
+            "Modules of the line detector after the first, in the order of the cells; empty: one "
             "module. A calibration starts from these gaps and kinks and adds what the scan shows.",
-            "max_length": 64,
-        },
+            max_length=64,
+        ),
     )
     detector_arc_radius_mm: float | None = field(
         default=None,
-        metadata={
-            "description": "Radius of the arc on which the detector's cells lie, around a point on the source's side, "
+        metadata=described(
+            "Radius of the arc on which the detector's cells lie, around a point on the source's side, "
             "mm; null: a straight line. The detector pitch counts along the arc.",
-            "gt": 0,
-            "le": LARGEST_MM,
-            "examples": [1574.0],
-        },
+            gt=0,
+            le=LARGEST_MM,
+            examples=[1574.0],
+        ),
     )
     detector_waves_mm: tuple[Annotated[float, Interval(ge=-LARGEST_MM, le=LARGEST_MM)], ...] = field(
         default=(),
         repr=False,
-        metadata={
-            "description": "How far the cells lie from equal distances, mm: the sum of these numbers times "
+        metadata=described(
+            "How far the cells lie from equal distances, mm: the sum of these numbers times "
             "cos(pi k (m + 1/2) / num_detector_pixels), cells m counting from 0, and k from 2 for the first number.",
-            "max_length": MOST_WAVES,
-            "examples": [[0.12, -0.05]],
-        },
+            max_length=MOST_WAVES,
+            examples=[[0.12, -0.05]],
+        ),
     )
     object_turns: ObjectTurns = field(
         default=ObjectTurns.IN_ONE_SCAN,
-        metadata={
-            "description": "When the object turns: in one scan, on a turntable, or between passages through the "
+        metadata=described(
+            "When the object turns: in one scan, on a turntable, or between passages through the "
             "scanner, one for each view, so that it stands a little elsewhere in each view.",
-            "examples": ["in-one-scan"],
-        },
+            examples=["in-one-scan"],
+        ),
     )
 
     def with_cells_of(self, other: "Scanner") -> Self:
@@ -202,25 +190,23 @@ class Scanner(AsContract):
 class SourceFrame(AsContract):
     """The geometry with the source on the axis: (psi, R, SDD, u_c, tau), what the data can see."""
 
-    psi_rad: float = field(metadata={"description": "psi, first angle in the source frame, rad.", "examples": [2.907]})
+    psi_rad: float = field(metadata=described("psi, first angle in the source frame, rad.", examples=[2.907]))
     source_distance_mm: float = field(
-        metadata={"description": "R, source to centre of rotation along the axis, mm.", "examples": [917.1]}
+        metadata=described("R, source to centre of rotation along the axis, mm.", examples=[917.1])
     )
     source_to_detector_mm: float = field(
-        metadata={"description": "SDD along the ray through the centre of rotation, mm.", "examples": [1619.3]}
+        metadata=described("SDD along the ray through the centre of rotation, mm.", examples=[1619.3])
     )
     cor_column_mm: float = field(
-        metadata={
-            "description": "u_c, where the centre of rotation falls on the detector, mm from its middle.",
-            "examples": [-209.1],
-        }
+        metadata=described(
+            "u_c, where the centre of rotation falls on the detector, mm from its middle.", examples=[-209.1]
+        )
     )
     tilt_rad: float = field(
-        metadata={
-            "description": "tau, tilt of the detector against the normal of the ray through the centre of rotation, "
-            "rad.",
-            "examples": [-0.083],
-        }
+        metadata=described(
+            "tau, tilt of the detector against the normal of the ray through the centre of rotation, rad.",
+            examples=[-0.083],
+        )
     )
 
     @property
@@ -259,24 +245,14 @@ class SourceFrame(AsContract):
 class Theta(AsContract):
     """The five numbers that cannot be measured by hand: theta = (alpha0, r_D, h_S, h_D, alpha_D)."""
 
-    initial_angle_rad: float = field(metadata={"description": "alpha0, rad, in [0, 2 pi).", "examples": [2.55]})
-    detector_to_cor_mm: float = field(
-        metadata={"description": "r_D, detector to centre of rotation, mm.", "examples": [714.7]}
-    )
-    source_shift_mm: float = field(
-        metadata={"description": "h_S, sideways shift of the source, mm.", "examples": [319.9]}
-    )
+    initial_angle_rad: float = field(metadata=described("alpha0, rad, in [0, 2 pi).", examples=[2.55]))
+    detector_to_cor_mm: float = field(metadata=described("r_D, detector to centre of rotation, mm.", examples=[714.7]))
+    source_shift_mm: float = field(metadata=described("h_S, sideways shift of the source, mm.", examples=[319.9]))
     detector_shift_mm: float = field(
-        metadata={
-            "description": "h_D, sideways shift of the detector, mm, counted the other way than h_S.",
-            "examples": [43.7],
-        }
+        metadata=described("h_D, sideways shift of the detector, mm, counted the other way than h_S.", examples=[43.7])
     )
     detector_tilt: float = field(
-        metadata={
-            "description": "alpha_D, a slope without unit: the tilt angle is its arctangent.",
-            "examples": [0.281],
-        }
+        metadata=described("alpha_D, a slope without unit: the tilt angle is its arctangent.", examples=[0.281])
     )
 
     @classmethod
@@ -334,17 +310,17 @@ class ThetaBounds(AsContract):
 
     # Bounds in arXiv 2206.14444.
     detector_to_cor_mm: tuple[float, float] = field(
-        default=(500.0, 1000.0), metadata={"description": "Lowest and highest r_D, mm.", "examples": [(500.0, 1000.0)]}
+        default=(500.0, 1000.0), metadata=described("Lowest and highest r_D, mm.", examples=[(500.0, 1000.0)])
     )
     source_shift_mm: tuple[float, float] = field(
-        default=(-500.0, 500.0), metadata={"description": "Lowest and highest h_S, mm.", "examples": [(-500.0, 500.0)]}
+        default=(-500.0, 500.0), metadata=described("Lowest and highest h_S, mm.", examples=[(-500.0, 500.0)])
     )
     detector_shift_mm: tuple[float, float] = field(
-        default=(-500.0, 500.0), metadata={"description": "Lowest and highest h_D, mm.", "examples": [(-500.0, 500.0)]}
+        default=(-500.0, 500.0), metadata=described("Lowest and highest h_D, mm.", examples=[(-500.0, 500.0)])
     )
     detector_tilt: tuple[float, float] = field(
         default=(-1.0, 1.0),
-        metadata={"description": "Lowest and highest alpha_D, a slope without unit.", "examples": [(-1.0, 1.0)]},
+        metadata=described("Lowest and highest alpha_D, a slope without unit.", examples=[(-1.0, 1.0)]),
     )
 
     def __post_init__(self) -> None:

@@ -61,8 +61,7 @@ class Reader:
 
     def localised(self, text: str) -> str:
         """Return a text in English with the decimal marks of the language."""
-        mark = self.number(0.5, 1)[1]
-        return re.sub(r"(?<=\d)\.(?=\d)", mark, text)
+        return re.sub(r"(?<=\d)\.(?=\d)", self.number(0.5, 1)[1], text)
 
 
 ENGLISH = Reader()

@@ -4,7 +4,7 @@ The sweep of Shamos and Hoey (1976) stops at the first crossing: O(n log n) comp
 moves from left to right over the corners; sides that cross are neighbours along it before it has passed their
 crossing. Corners of one x are taken from below, as if the line leant by a trace.
 
-`AsContract` is the base of all values that contracts take as fields.
+`AsContract` is the base of all values that contracts take as fields; `described` gives a field its words and bounds.
 """
 
 from collections.abc import Sequence
@@ -116,3 +116,8 @@ class AsContract:
     """
 
     __pydantic_config__: ClassVar = {"extra": "forbid", "allow_inf_nan": False, "revalidate_instances": "always"}
+
+
+def described(description: str, **bounds: object) -> dict[str, object]:
+    """Return the metadata of a field: its description, and examples and bounds as pydantic names them."""
+    return {"description": description, **bounds}

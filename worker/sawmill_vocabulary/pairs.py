@@ -9,14 +9,14 @@ from typing import Self
 
 from sawmill_vocabulary.choices import CellOrder
 from sawmill_vocabulary.geometry import LARGEST_MM, TAU, DetectorModule, GeometryError, Scanner, SourceFrame
-from sawmill_vocabulary.outlines import AsContract
+from sawmill_vocabulary.outlines import AsContract, described
 
 FEWEST_PAIRS, MOST_PAIRS = 2, 6
 _CELLS = {one.name: one.metadata for one in fields(Scanner)}
 
 
 def _length(description: str, *, low: float = -LARGEST_MM, default: float = 0.0) -> float:
-    return field(default=default, metadata={"description": description, "ge": low, "le": LARGEST_MM})
+    return field(default=default, metadata=described(description, ge=low, le=LARGEST_MM))
 
 
 @dataclass(frozen=True)
@@ -24,34 +24,29 @@ class FixedPair(AsContract):
     """A fixed pair of source and line detector: the nominal place, and how far the true place may be from it."""
 
     angle_deg: float = field(
-        metadata={
-            "description": "Angle of the source about the scanner's centre, counter-clockwise from -y, degrees.",
-            "ge": -360,
-            "le": 360,
-            "examples": [90.0],
-        }
+        metadata=described(
+            "Angle of the source about the scanner's centre, counter-clockwise from -y, degrees.",
+            ge=-360,
+            le=360,
+            examples=[90.0],
+        )
     )
     source_distance_mm: float = field(
-        metadata={"description": "Source to centre, mm.", "gt": 0, "le": LARGEST_MM, "examples": [860.0]}
+        metadata=described("Source to centre, mm.", gt=0, le=LARGEST_MM, examples=[860.0])
     )
     source_to_detector_mm: float = field(
-        metadata={
-            "description": "Source to detector along the ray through the centre, mm.",
-            "gt": 0,
-            "le": LARGEST_MM,
-            "examples": [1570.0],
-        }
+        metadata=described(
+            "Source to detector along the ray through the centre, mm.", gt=0, le=LARGEST_MM, examples=[1570.0]
+        )
     )
     num_detector_pixels: int = field(metadata=_CELLS["num_detector_pixels"])
     detector_pitch_mm: float = field(metadata=_CELLS["detector_pitch_mm"])
     cor_column_mm: float = _length("Point of the detector that the ray through the centre meets, mm from its middle.")
     detector_tilt_deg: float = field(
         default=0.0,
-        metadata={
-            "description": "Tilt of the detector against the normal of the ray through the centre, degrees.",
-            "gt": -80,
-            "lt": 80,
-        },
+        metadata=described(
+            "Tilt of the detector against the normal of the ray through the centre, degrees.", gt=-80, lt=80
+        ),
     )
     detector_modules: tuple[DetectorModule, ...] = field(
         default=(),
@@ -66,22 +61,19 @@ class FixedPair(AsContract):
     )
     cell_order: CellOrder | None = field(
         default=None,
-        metadata={
-            "description": "Whether the cells count counter-clockwise about the centre, seen as the angles are; null: "
+        metadata=described(
+            "Whether the cells count counter-clockwise about the centre, seen as the angles are; null: "
             "not known, the calibration finds it."
-        },
+        ),
     )
     angle_within_deg: float = field(
-        default=10.0,
-        metadata={"description": "How far angle and tilt may be from the nominal ones, degrees.", "gt": 0, "le": 90},
+        default=10.0, metadata=described("How far angle and tilt may be from the nominal ones, degrees.", gt=0, le=90)
     )
     place_within_mm: float = field(
         default=60.0,
-        metadata={
-            "description": "How far distances and the detector's middle may be from the nominal ones, mm.",
-            "gt": 0,
-            "le": LARGEST_MM,
-        },
+        metadata=described(
+            "How far distances and the detector's middle may be from the nominal ones, mm.", gt=0, le=LARGEST_MM
+        ),
     )
 
     def __post_init__(self) -> None:
@@ -132,11 +124,7 @@ class PairedScanner(AsContract):
     """A scanner of several fixed pairs."""
 
     pairs: tuple[FixedPair, ...] = field(
-        metadata={
-            "description": "The pairs, in the order of the scan's.",
-            "min_length": FEWEST_PAIRS,
-            "max_length": MOST_PAIRS,
-        }
+        metadata=described("The pairs, in the order of the scan's.", min_length=FEWEST_PAIRS, max_length=MOST_PAIRS)
     )
 
     def __post_init__(self) -> None:

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 from annotated_types import Interval
 
 from sawmill_vocabulary.geometry import LARGEST_MM
-from sawmill_vocabulary.outlines import AsContract
+from sawmill_vocabulary.outlines import AsContract, described
 
 # Relative standard uncertainty of a phantom's size where it is not stated. Spruce moves by 0.15 to 0.3 % across the
 # grain for each per cent of moisture.
@@ -56,14 +56,14 @@ Point = tuple[CoordinateMm, CoordinateMm]
 class Polygon(AsContract):
     """A closed polygon; its vertices may run either way round."""
 
-    kind: Literal["polygon"] = field(default="polygon", kw_only=True, metadata={"description": "Type of the shape."})
+    kind: Literal["polygon"] = field(default="polygon", kw_only=True, metadata=described("Type of the shape."))
     vertices_mm: tuple[Point, ...] = field(
-        metadata={
-            "description": "(x, y) of each corner, mm.",
-            "examples": [((-100, -150), (100, -150), (100, 150), (-100, 150))],
-            "min_length": 3,
-            "max_length": MOST_CORNERS,
-        }
+        metadata=described(
+            "(x, y) of each corner, mm.",
+            examples=[((-100, -150), (100, -150), (100, 150), (-100, 150))],
+            min_length=3,
+            max_length=MOST_CORNERS,
+        )
     )
     density: float = field(default=1.0, metadata=_DENSITY)
 
@@ -85,16 +85,12 @@ class Polygon(AsContract):
 class Disc(AsContract):
     """A disc."""
 
-    kind: Literal["disc"] = field(default="disc", kw_only=True, metadata={"description": "Type of the shape."})
-    center_mm: Point = field(metadata={"description": "(x, y) of the centre, mm.", "examples": [(-50.0, -49.0)]})
+    kind: Literal["disc"] = field(default="disc", kw_only=True, metadata=described("Type of the shape."))
+    center_mm: Point = field(metadata=described("(x, y) of the centre, mm.", examples=[(-50.0, -49.0)]))
     radius_mm: float = field(
-        metadata={
-            "description": "Radius, mm.",
-            "examples": [26.0],
-            "gt": 0,
-            "le": LARGEST_MM,
-            "json_schema_extra": _state_smallest_radius,
-        }
+        metadata=described(
+            "Radius, mm.", examples=[26.0], gt=0, le=LARGEST_MM, json_schema_extra=_state_smallest_radius
+        )
     )
     density: float = field(default=1.0, metadata=_DENSITY)
 

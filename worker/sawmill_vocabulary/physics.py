@@ -7,15 +7,15 @@ with them is read with the same fields.
 from dataclasses import dataclass, field
 from typing import Literal
 
-from sawmill_vocabulary.outlines import AsContract
+from sawmill_vocabulary.outlines import AsContract, described
 
 
 def _size(description: str, low: float, high: float, default: float = 0.0) -> float:
-    return field(default=default, metadata={"description": description, "ge": low, "le": high})
+    return field(default=default, metadata=described(description, ge=low, le=high))
 
 
 def _count(description: str, high: int) -> int:
-    return field(default=0, metadata={"description": description, "ge": 0, "le": high})
+    return field(default=0, metadata=described(description, ge=0, le=high))
 
 
 def _direction(description: str) -> float:
@@ -55,15 +55,15 @@ class DetectorEffects(AsContract):
     gain_spread: float = _size("Standard deviation of the cells' gains, in flat fields too.", 0, 0.3)
     dead_cells: int = _count("Cells that have shown their dark level since the flat fields.", 1000)
     hot_cells: int = _count("Cells whose gain has changed by up to 30 % since the flat fields.", 1000)
-    bits: Literal[12, 16] = field(default=16, metadata={"description": "Number of bits of the converter: 12 or 16."})
+    bits: Literal[12, 16] = field(default=16, metadata=described("Number of bits of the converter: 12 or 16."))
     air_of_full_scale: float | None = field(
         default=None,
-        metadata={
-            "description": "Counts in air against the largest value of the converter; above 1 air is saturated. "
+        metadata=described(
+            "Counts in air against the largest value of the converter; above 1 air is saturated. "
             "Default: one count a photon with 16 bits, 0.8 with 12.",
-            "gt": 0,
-            "le": 2,
-        },
+            gt=0,
+            le=2,
+        ),
     )
 
 
@@ -120,9 +120,7 @@ class WoodEffects(AsContract):
 class Physics(AsContract):
     """Deviations of a scan from the ideal one; by default none."""
 
-    beam: BeamEffects = field(default=BeamEffects(), metadata={"description": "Effects of the source and the beam."})
-    detector: DetectorEffects = field(default=DetectorEffects(), metadata={"description": "Effects of the detector."})
-    motion: MotionEffects = field(
-        default=MotionEffects(), metadata={"description": "Effects of turntable and phantom."}
-    )
-    wood: WoodEffects = field(default=WoodEffects(), metadata={"description": "Effects of the phantom's wood."})
+    beam: BeamEffects = field(default=BeamEffects(), metadata=described("Effects of the source and the beam."))
+    detector: DetectorEffects = field(default=DetectorEffects(), metadata=described("Effects of the detector."))
+    motion: MotionEffects = field(default=MotionEffects(), metadata=described("Effects of turntable and phantom."))
+    wood: WoodEffects = field(default=WoodEffects(), metadata=described("Effects of the phantom's wood."))

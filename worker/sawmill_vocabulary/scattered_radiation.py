@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from sawmill_vocabulary.outlines import AsContract
+from sawmill_vocabulary.outlines import AsContract, described
 
 
 @dataclass(frozen=True)
@@ -13,27 +13,26 @@ class BeamHardening(AsContract):
     """
 
     spread: float = field(
-        metadata={
-            "description": "Relative variance of the attenuation over the beam's spectrum, divided by the unit of a "
-            "line integral.",
-            "gt": 0,
-            "examples": [0.35],
-        }
+        metadata=described(
+            "Relative variance of the attenuation over the beam's spectrum, divided by the unit of a line integral.",
+            gt=0,
+            examples=[0.35],
+        )
     )
     longest: float = field(
-        metadata={
-            "description": "Measured line integral of the phantom's longest path, in the unit of a line integral: "
+        metadata=described(
+            "Measured line integral of the phantom's longest path, in the unit of a line integral: "
             "larger ones are extrapolated.",
-            "gt": 0,
-            "examples": [2.1],
-        }
+            gt=0,
+            examples=[2.1],
+        )
     )
     from_counts: bool = field(
-        metadata={
-            "description": "Whether the calibration's line integrals were made from counts: only a scan of the same "
+        metadata=described(
+            "Whether the calibration's line integrals were made from counts: only a scan of the same "
             "kind is corrected.",
-            "examples": [True],
-        }
+            examples=[True],
+        )
     )
 
 
@@ -45,27 +44,19 @@ class ScatteredRadiation(AsContract):
     """
 
     around: float = field(
-        metadata={
-            "description": "Share that is spread over the neighbouring cells, a number from 0 to 0.5.",
-            "ge": 0,
-            "lt": 0.5,
-            "examples": [0.04],
-        }
+        metadata=described(
+            "Share that is spread over the neighbouring cells, a number from 0 to 0.5.", ge=0, lt=0.5, examples=[0.04]
+        )
     )
     wide: float = field(
-        metadata={
-            "description": "Share that is spread over the whole row, a number from 0 to 0.5.",
-            "ge": 0,
-            "lt": 0.5,
-            "examples": [0.01],
-        }
+        metadata=described(
+            "Share that is spread over the whole row, a number from 0 to 0.5.", ge=0, lt=0.5, examples=[0.01]
+        )
     )
     width_cells: int = field(
-        metadata={
-            "description": "Number of cells of the running mean that, taken twice, spreads `around`.",
-            "gt": 0,
-            "examples": [45],
-        }
+        metadata=described(
+            "Number of cells of the running mean that, taken twice, spreads `around`.", gt=0, examples=[45]
+        )
     )
 
 

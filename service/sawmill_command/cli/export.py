@@ -26,7 +26,7 @@ def export(
         shared.ExportTarget,
         typer.Option(
             help="vectors: JSON that --geometry reads; astra: rows srcX srcY dX dY uX uY of fanflat_vec, mm; odl, cil: "
-            "JSON of every argument; rtk: XML.",
+            "JSON of every argument; rtk: XML."
         ),
     ],
     output: shared.Result,

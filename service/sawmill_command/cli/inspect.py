@@ -34,21 +34,10 @@ def inspect(
     with answering(as_json=as_json):
         from sawmill_calibration.scans.inspect import InspectionInput, inspect_file
 
-        result = inspect_file(
-            InspectionInput(
-                file,
-                data,
-                dataset,
-                angles,
-                detector_pitch_mm,
-                row_pitch_mm,
-                flats,
-                darks,
-                follow_links,
-                transpose,
-                axes,
-            ),
+        given = InspectionInput(
+            file, data, dataset, angles, detector_pitch_mm, row_pitch_mm, flats, darks, follow_links, transpose, axes
         )
+        result = inspect_file(given)
     if as_json:
         print_json({"state": "succeeded", **result.model_dump(mode="json")})
     else:

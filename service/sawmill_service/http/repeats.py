@@ -110,8 +110,7 @@ class Repeatable:
         if same and kept.request.file_sha256 is None:
             await check_no_file(self.request)
         elif same:
-            max_bytes = self.request.app.state.settings.max_upload_bytes
-            digest = await body_sha256(self.request, max_bytes=max_bytes)
+            digest = await body_sha256(self.request, max_bytes=self.request.app.state.settings.max_upload_bytes)
         raise _repeated(kept.answer_to(replace(self.keyed, file_sha256=digest)), self.request)
 
     def _kept(self, made: Contract) -> KeptAnswer:

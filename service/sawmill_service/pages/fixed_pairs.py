@@ -6,7 +6,7 @@ from typing import Any
 from fastapi.responses import HTMLResponse
 from pydantic import TypeAdapter
 
-from sawmill_contracts.fixed_pairs import DECLARATION, FixedPairs, FixedPairsResult
+from sawmill_contracts.fixed_pairs import DECLARATION, FixedPairsResult
 from sawmill_mill.two_questions import TwoQuestions
 from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.keys import Scope
@@ -62,14 +62,9 @@ def calibration(identifier: Identifier, page: ThePage, store: TheStore, settings
         calibration=found,
         stages=stages(page),
         max_bytes=settings.max_upload_bytes,
-        again=_asked_again(found),
+        again={**found.options.model_dump(mode="json"), "phantom_id": found.phantom_id},
         **({} if result is None else _shown(page, result)),
     )
-
-
-def _asked_again(found: FixedPairs) -> dict[str, Any]:
-    """Return the same request, to which the files of another passage are added."""
-    return {**found.options.model_dump(mode="json"), "phantom_id": found.phantom_id}
 
 
 def _shown(page: PageFrame, result: FixedPairsResult) -> dict[str, Any]:

@@ -9,12 +9,8 @@ from sawmill_contracts import kinds
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.jobs import Job, JobState
 from sawmill_platform.contracts.kind_declarations import declaration_of
-from sawmill_service.pages.frame.languages import (
-    marked,
-)
-from sawmill_service.pages.frame.page_frame import (
-    PageFrame,
-)
+from sawmill_service.pages.frame.languages import marked
+from sawmill_service.pages.frame.page_frame import PageFrame
 
 STATES = {
     JobState.QUEUED: ("idle", marked("Waits")),

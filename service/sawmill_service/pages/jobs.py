@@ -104,6 +104,4 @@ def _ended(jobs: TheJobs, chosen: JobsPageFilter) -> Page[Job] | None:
     kind, state = chosen.kind or None, chosen.state
     if not state:
         return jobs.ended_page(kind=kind, after=chosen.after, limit=LISTED)
-    if state.ended:
-        return jobs.page(state=state, kind=kind, after=chosen.after, limit=LISTED)
-    return None
+    return jobs.page(state=state, kind=kind, after=chosen.after, limit=LISTED) if state.ended else None

@@ -64,10 +64,7 @@ def rename(reconstruction_id: Identifier, page: ThePage, store: TheStore, fields
 
 @router.get("/logs/{reconstruction_id}")
 def log(
-    reconstruction_id: Identifier,
-    page: ThePage,
-    store: TheStore,
-    beside: Annotated[str, Query(max_length=64)] = "",
+    reconstruction_id: Identifier, page: ThePage, store: TheStore, beside: Annotated[str, Query(max_length=64)] = ""
 ) -> Response:
     """Show a log: its progress, why it failed, or its slices, with a second log for comparison."""
     return _log_page(page, store, reconstruction_id, beside)

@@ -14,10 +14,7 @@ from sawmill_service.http.problem_types import CODE_PATTERN, PATH, ProblemType, 
 from sawmill_service.http.problems import MEDIA_TYPE, Refused, is_navigation
 from sawmill_service.http.route_rules import NoKey, Router
 from sawmill_service.pages.frame.languages import marked
-from sawmill_service.pages.frame.page_frame import (
-    PageFrame,
-    ThePage,
-)
+from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
 
 router = Router(tags=["operation"])
 _VARY = {"Vary": "Accept, Cookie"}

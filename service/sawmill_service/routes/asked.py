@@ -69,15 +69,12 @@ def _router(declared: AskedKind[Any, Any]) -> Router:
     list_all.__annotations__["query"] = Annotated[_filter(declared), Query()]
     one, many = declared.answer, Page.__class_getitem__(declared.answer)
     if declared.upload is None:
-        answers = announced(declared.ask) | refuses_ask(declared)
-        asking = _described(f"create_{noun}", one, declared.to_ask, answers)
+        asking = _described(f"create_{noun}", one, declared.to_ask, announced(declared.ask) | refuses_ask(declared))
         # By its declaration, an ask may need more: `ask` checks that.
         asking |= {"methods": ["POST"], "status_code": 202, "needs": Scope.SUBMIT}
         router.add_api_route(declared.asked_at or folder, repeatable(ask), **asking)
     router.add_api_route(
-        folder,
-        list_all,
-        **_described(f"list_{plural}", many, declared.to_list, refuses("invalid-cursor")),
+        folder, list_all, **_described(f"list_{plural}", many, declared.to_list, refuses("invalid-cursor"))
     )
     router.add_api_route(
         f"{folder}/{{{declared.id_name}}}",

@@ -198,9 +198,7 @@ def list_measurements(
 
 
 @router.get(
-    "/{scanner_id}/next-step",
-    summary="Get the next step with a scanner",
-    responses=refuses("scanner-not-found"),
+    "/{scanner_id}/next-step", summary="Get the next step with a scanner", responses=refuses("scanner-not-found")
 )
 def get_scanner_step(scanner_id: Identifier, store: TheStore) -> NextStepAnswer:
     """Return what a person does next, by the newest calibration, movement, failures, alarms and what is in use."""

@@ -115,8 +115,7 @@ async def send_part(
 )
 async def delete_upload(upload_id: Identifier, uploads: TheUploads, transfers: TheTransfers, caller: TheCaller) -> None:
     """Delete an upload and its bytes; what was made from it stays. The scope `admin` deletes uploads of other keys."""
-    of_all_keys = caller.scope.covers(Scope.ADMIN)
-    await run_in_threadpool(uploads.delete, upload_id, of_all_keys=of_all_keys)
+    await run_in_threadpool(uploads.delete, upload_id, of_all_keys=caller.scope.covers(Scope.ADMIN))
     await transfers.end(upload_id)
 
 

@@ -44,11 +44,7 @@ MessageId = Annotated[
 ]
 SentAt = Annotated[
     int,
-    Header(
-        alias="webhook-timestamp",
-        description="Time of the attempt, seconds since 1970.",
-        examples=[1772429464],
-    ),
+    Header(alias="webhook-timestamp", description="Time of the attempt, seconds since 1970.", examples=[1772429464]),
 ]
 Signatures = Annotated[
     str,
@@ -152,10 +148,7 @@ def delete_webhook(webhook_id: Identifier, webhooks: TheWebhooks) -> None:
 
 
 @router.post(
-    "/{webhook_id}/test",
-    needs=Scope.ADMIN,
-    summary="Send a test to a webhook",
-    responses=refuses("webhook-not-found"),
+    "/{webhook_id}/test", needs=Scope.ADMIN, summary="Send a test to a webhook", responses=refuses("webhook-not-found")
 )
 async def test_webhook(
     webhook_id: Identifier, webhooks: TheWebhooks, settings: TheSettings, repeatable: TheRepeatable

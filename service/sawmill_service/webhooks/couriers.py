@@ -52,8 +52,7 @@ class Couriers:
         if not await asyncio.to_thread(self._outbox.hold):
             await self._end()
             return
-        through = await asyncio.to_thread(self._read)
-        for webhook_id in await asyncio.to_thread(self._outbox.due, through):
+        for webhook_id in await asyncio.to_thread(self._outbox.due, await asyncio.to_thread(self._read)):
             if webhook_id not in self._under_way:
                 self._under_way[webhook_id] = asyncio.create_task(self._send_to(webhook_id))
 

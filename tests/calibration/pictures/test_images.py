@@ -48,8 +48,7 @@ def test_row_is_x_and_column_is_y():
 
 
 def test_small_images_are_enlarged_by_whole_factors(rng):
-    image = rng.random((100, 130))
-    png = image_png(image, pixel_mm=2.0, unit="1/mm", title="row 3")
+    png = image_png(rng.random((100, 130)), pixel_mm=2.0, unit="1/mm", title="row 3")
     assert decoded(png).mode == "L"
     assert min(decoded(png).size) >= 512
     panel = panel_of(png, 600)
@@ -340,8 +339,7 @@ def test_a_hole_is_cut_into_the_wood_whatever_the_order():
 
 
 def test_sizes_name_and_scale_are_written_and_the_bar_is_a_hundred_millimetres():
-    written = words(drawn("board", BOARD, HOLE))
-    assert {"300.25", "200", "board", "100 mm", "⌀ 52 at (-50, -49)"} <= set(written)
+    assert {"300.25", "200", "board", "100 mm", "⌀ 52 at (-50, -49)"} <= set(words(drawn("board", BOARD, HOLE)))
     thickest = max(drawn("board", BOARD).iter(f"{SVG}line"), key=lambda line: float(line.get("stroke-width")))
     assert float(thickest.get("x2")) - float(thickest.get("x1")) == pytest.approx(100.0)
 

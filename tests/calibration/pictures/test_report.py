@@ -95,10 +95,8 @@ def test_the_page_stands_alone_and_holds_both_parts_escaped():
 
 def test_the_panels_are_in_the_reader_s_language():
     comma = Reader(str.upper, lambda value, digits: f"{value:.{digits}f}".replace(".", ","), "fi")
-    panels = {
-        name: b64decode(url.partition(",")[2]).decode()
-        for name, url in report_panels(answer(), arrays(), comma).items()
-    }
+    urls = report_panels(answer(), arrays(), comma)
+    panels = {name: b64decode(url.partition(",")[2]).decode() for name, url in urls.items()}
     assert "ANGLE OF THE VIEW, DEGREES" in panels["residual"]
     assert re.search(r">[^<>]?\d+,\d+<", panels["residual"])
     assert not any(re.search(r">[^<>]?\d+\.\d+<", svg) for svg in panels.values())

@@ -214,12 +214,8 @@ def test_a_file_is_read_rightly(tmp_path, name):
         np.testing.assert_array_equal(darks, DARKS)
     assert set(remarks) - {"axes-stated", "axes-ordered", "flats-by-name", "invalid-images"} <= {code}
     assert code is None or remarks[code].items() >= values.items()
-    assert pitch in {
-        None,
-        options.get("detector_pitch_mm"),
-        remarks.get("binned") and 3.2,
-        1.6 if "one" in name else None,
-    }
+    of_pixels = 3.2 if "binned" in remarks else 1.6 if "one" in name else None
+    assert pitch in {None, options.get("detector_pitch_mm"), of_pixels}
 
 
 CELL_ARRAY = [("#refs#/c0", "MATLAB_class", np.bytes_("double")), ("#refs#/c1", "MATLAB_class", np.bytes_("double"))]

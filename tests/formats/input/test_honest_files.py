@@ -149,8 +149,7 @@ def test_turns_and_short_scans_are_read_without_a_remark(tmp_path, views, step_d
         0.0, 0.01, place.shape
     )
     np.save(tmp_path / "scan.npy", line_integrals.astype(np.float32))
-    given = {"angles_deg": AngleSteps(0.0, step_deg)}
-    with reading_scan(tmp_path / "scan.npy", counts=False, **given) as scan:
+    with reading_scan(tmp_path / "scan.npy", counts=False, angles_deg=AngleSteps(0.0, step_deg)) as scan:
         assert [block.samples.shape for block in scan.blocks(2**30)] == [(views, 1, 180)]
         assert scan.remarks == ()
 

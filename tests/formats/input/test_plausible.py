@@ -108,8 +108,7 @@ class TestCounts:
         """Nothing comes through, and the noise of the dark, 3 counts, is half of the time negative."""
         shadow = np.random.default_rng(1).normal(0.0, 3.0, counts["projections"].shape)
         shadow[..., :2] = AIR
-        flats = counts["flats"] - DARK
-        assert read(write(file, {"projections": shadow, "flats": flats})).shape[0] == VIEWS
+        assert read(write(file, {"projections": shadow, "flats": counts["flats"] - DARK})).shape[0] == VIEWS
 
     def test_transmissions_are_counts_beside_flats_of_1(self, file, counts):
         read(write(file, {"projections": counts["projections"] / AIR, "flats": np.ones((1, ROWS, CELLS))}))

@@ -21,10 +21,16 @@ def as_image(image):
     return image.astype(np.uint16)
 
 
+def read_as(name, projections, path, **options):
+    """Read a scan of this format with these projections."""
+    scan = read_scan(path, **options)
+    assert scan.format == name
+    np.testing.assert_array_equal(scan.projections, projections)
+    return scan
+
+
 def test_nxtomo_gives_views_flats_darks_angles_and_pitch(nxtomo, stack, angles_deg):
-    scan = read_scan(nxtomo(), counts=True)
-    assert scan.format == "hdf5-nxtomo"
-    np.testing.assert_array_equal(scan.projections, stack)
+    scan = read_as("hdf5-nxtomo", stack, nxtomo(), counts=True)
     assert scan.projections.dtype == np.float32
     np.testing.assert_allclose(scan.angles_rad, np.deg2rad(angles_deg), rtol=1e-15)
     assert np.all(scan.flats == 60_000)
@@ -92,9 +98,7 @@ def test_data_exchange(tmp_path, stack, angles_deg, unit):
     parts = {"data": stack, "data_white": np.full((2, 3, 8), 50_000), "data_dark": np.full((3, 8), 9), "theta": theta}
     members = {"implements": "exchange"} | {f"exchange/{name}": value for name, value in parts.items()}
     hdf5(members, [("exchange/theta", "units", unit)] * (unit is not None))(tmp_path / "scan.h5")
-    scan = read_scan(tmp_path / "scan.h5", counts=True)
-    assert scan.format == "hdf5-data-exchange"
-    np.testing.assert_array_equal(scan.projections, stack)
+    scan = read_as("hdf5-data-exchange", stack, tmp_path / "scan.h5", counts=True)
     np.testing.assert_allclose(scan.angles_rad, np.deg2rad(angles_deg), rtol=1e-14)
     assert (scan.flats.shape, scan.darks.shape) == ((2, 3, 8), (1, 3, 8))
 
@@ -126,9 +130,7 @@ def test_plain_hdf5_takes_a_link_by_its_name_and_groups_that_contain_themselves_
 def test_multi_page_tiff(tmp_path, stack, options):
     path = tmp_path / "scan.tif"
     tifffile.imwrite(path, stack.astype(np.uint16), photometric="minisblack", **options)
-    scan = read_scan(path, counts=False, angles_deg=STEPS)
-    assert scan.format == "tiff"
-    np.testing.assert_array_equal(scan.projections, stack)
+    read_as("tiff", stack, path, counts=False, angles_deg=STEPS)
 
 
 def test_tiff_with_one_page_is_a_sinogram(tmp_path, stack):
@@ -145,9 +147,7 @@ def test_zip_of_tiffs_sorts_naturally_and_knows_flats_and_darks(tmp_path, rng):
     members |= {"scan/Flats/0.tif": as_image(np.full((3, 8), 50_000)), "scan/dark_1.tif": as_image(np.full((3, 8), 5))}
     members |= {"__MACOSX/scan/view-0.tif": b"not a tiff", "scan/readme.txt": b"hello"}
     zipped(members, ZIP_DEFLATED)(tmp_path / "scan.zip")
-    scan = read_scan(tmp_path / "scan.zip", counts=True, angles_deg=AngleSteps(0, 30))
-    assert scan.format == "zip-of-tiffs"
-    np.testing.assert_array_equal(scan.projections, views)
+    scan = read_as("zip-of-tiffs", views, tmp_path / "scan.zip", counts=True, angles_deg=AngleSteps(0, 30))
     assert np.all(scan.flats == 50_000)
     assert np.all(scan.darks == 5)
     assert scan.remarks == ("2 files that are no TIFFs were ignored (__MACOSX/scan/view-0.tif, scan/readme.txt).",)
@@ -165,17 +165,9 @@ def test_npy_of_any_real_type_and_order(tmp_path, rng, dtype, order):
 
 @pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
 def test_npz_with_everything(tmp_path, stack, angles_deg, save):
-    save(
-        tmp_path / "scan.npz",
-        projections=stack,
-        angles_rad=np.deg2rad(angles_deg),
-        flats=np.full((2, 3, 8), 9e4),
-        darks=np.ones((3, 8)),
-        other=stack,
-    )
-    scan = read_scan(tmp_path / "scan.npz", counts=True)
-    assert scan.format == "npz"
-    np.testing.assert_array_equal(scan.projections, stack)
+    fields = {"flats": np.full((2, 3, 8), 9e4), "darks": np.ones((3, 8))}
+    save(tmp_path / "scan.npz", projections=stack, angles_rad=np.deg2rad(angles_deg), **fields, other=stack)
+    scan = read_as("npz", stack, tmp_path / "scan.npz", counts=True)
     np.testing.assert_allclose(scan.angles_rad, np.deg2rad(angles_deg), rtol=1e-15)
     assert (scan.flats.shape, scan.darks.shape) == ((2, 3, 8), (1, 3, 8))
 
@@ -184,9 +176,7 @@ def test_npz_with_everything(tmp_path, stack, angles_deg, save):
 def test_mat_v5(tmp_path, stack, angles_deg, compressed):
     contents = {"arr": stack[:, 0], "angles_deg": angles_deg, "comment": "text"}
     scipy.io.savemat(tmp_path / "scan.mat", contents, do_compression=compressed)
-    scan = read_scan(tmp_path / "scan.mat", counts=False)
-    assert scan.format == "mat-v5"
-    np.testing.assert_array_equal(scan.projections, stack[:, :1])
+    scan = read_as("mat-v5", stack[:, :1], tmp_path / "scan.mat", counts=False)
     np.testing.assert_allclose(np.rad2deg(scan.angles_rad), angles_deg)
 
 
@@ -197,9 +187,9 @@ MEASURED = {"angles": np.arange(75.0, 78.0, 0.5), "distanceUnit": "mm", "distanc
 def test_a_field_of_a_mat_v5_struct_is_named_by_its_path(tmp_path, stack, compressed):
     contents = {"before": np.eye(3), "scan": {"note": "text", "parameters": MEASURED, "sinogram": stack[:, 0]}}
     scipy.io.savemat(tmp_path / "scan.mat", contents, do_compression=compressed)
-    scan = read_scan(tmp_path / "scan.mat", counts=False, dataset="scan/sinogram", angles_deg=STEPS)
-    assert scan.format == "mat-v5"
-    np.testing.assert_array_equal(scan.projections, stack[:, :1])
+    scan = read_as(
+        "mat-v5", stack[:, :1], tmp_path / "scan.mat", counts=False, dataset="scan/sinogram", angles_deg=STEPS
+    )
     held = "scan/parameters/distanceUnit ('mm'), scan/parameters/distanceSourceOrigin (410.66)"
     assert scan.unused == held
     angles = "scan/parameters/angles (6 values from 75 to 77.5)"
@@ -224,8 +214,7 @@ def test_a_sinogram_in_the_order_of_radon_is_read_when_asked_for_and_named_by_th
     each = AngleList(tuple(angles_deg))
     with pytest.raises(UnreadableScan, match=f"there are 6 angles, one for each cell: .* {hint}"):
         read_scan(tmp_path / "scan.mat", counts=False, angles_deg=each)
-    as_steps = read_scan(tmp_path / "scan.mat", counts=False, angles_deg=STEPS)
-    assert "fits the cells" in as_steps.remarks[-1]
+    assert "fits the cells" in read_scan(tmp_path / "scan.mat", counts=False, angles_deg=STEPS).remarks[-1]
     scan = read_scan(tmp_path / "scan.mat", counts=False, angles_deg=each, transpose=True)
     np.testing.assert_array_equal(scan.projections, stack[:, :1])
     np.save(tmp_path / "scan.npy", stack[:, 0])
@@ -273,9 +262,9 @@ def test_a_field_of_a_mat_v73_struct_is_named_by_its_path(tmp_path, stack):
     fields = {"scan/sinogram": stack[:, 0].T, "scan/pixelSize": np.array([[0.2]]), "scan/pixelUnit": unit}
     classes = {"scan": b"struct", "scan/sinogram": b"double", "scan/pixelSize": b"double", "scan/pixelUnit": b"char"}
     hdf5(fields, [(name, "MATLAB_class", np.bytes_(kind)) for name, kind in classes.items()])(tmp_path / "scan.mat")
-    read = read_scan(tmp_path / "scan.mat", counts=False, dataset="scan/sinogram", angles_deg=STEPS)
-    assert read.format == "mat-v7.3"
-    np.testing.assert_array_equal(read.projections, stack[:, :1])
+    read = read_as(
+        "mat-v7.3", stack[:, :1], tmp_path / "scan.mat", counts=False, dataset="scan/sinogram", angles_deg=STEPS
+    )
     assert read.unused == "scan/pixelSize (0.2), scan/pixelUnit ('mm')"
 
 
@@ -288,9 +277,7 @@ def test_mat_v73_is_transposed_with_a_remark(tmp_path, stack):
         file["label"].attrs["MATLAB_class"] = np.bytes_(b"char")
     with path.open("r+b") as stream:
         stream.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM")
-    scan = read_scan(path, counts=False, angles_deg=STEPS)
-    assert scan.format == "mat-v7.3"
-    np.testing.assert_array_equal(scan.projections, stack[:, :1])
+    scan = read_as("mat-v7.3", stack[:, :1], path, counts=False, angles_deg=STEPS)
     assert "transposed" in scan.remarks[0]
 
 

@@ -238,10 +238,8 @@ def test_calibration_keeps_its_answer_twice_and_its_arrays(tmp_path, rng):
     }
     residual = rng.random((5, 4)).astype(np.float32)
     path = tmp_path / "calibration.h5"
-    arrays = {
-        "residual": NamedArray(residual, "1", "view, detector"),
-        "field_mm": NamedArray(np.array(330.0), "mm", "side"),
-    }
+    field_mm = NamedArray(np.array(330.0), "mm", "side")
+    arrays = {"residual": NamedArray(residual, "1", "view, detector"), "field_mm": field_mm}
     write_calibration(path, result, arrays, software_version="0.1.0", input_sha256="f00")
     with h5py.File(path) as file:
         assert json.loads(file["entry/calibration_json"][()]) == result

@@ -81,11 +81,8 @@ SETTINGS = {"non_negative": True, "iterations": 200, "tolerance": 1e-5}
 
 def scanned(irregular_turn, radius_mm):
     """Two scans of a log: the objective, the support region and first images on it."""
-    geometry = FanBeamGeometry(
-        Scanner(860.0, 3 * SMALL, 1000.0 / (3 * SMALL)),
-        Theta(0.7, 700.0, 150.0, 60.0, 0.15),
-        irregular_turn(15, 1201),
-    )
+    scanner, theta = Scanner(860.0, 3 * SMALL, 1000.0 / (3 * SMALL)), Theta(0.7, 700.0, 150.0, 60.0, 0.15)
+    geometry = FanBeamGeometry(scanner, theta, irregular_turn(15, 1201))
     projector = Projector(geometry, ImageGrid(SMALL, FIELD_MM))
     log = Phantom("log with a core", (Disc((5.0, -8.0), radius_mm, 0.018), Disc((0.0, 0.0), 30.0, 0.006)))
     lines = projector.block(np.stack([simulate_sinogram(log, geometry, noise=0.02, seed=n) for n in (1, 2)]))

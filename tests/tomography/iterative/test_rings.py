@@ -29,13 +29,9 @@ def projector_of(views, full_turn):
 def eccentric_rings(pith_mm, radius_mm=90.0, rings=18):
     """Rings of 5 mm whose centres go from the middle of the outline to the pith."""
     shares = np.linspace(1.0, 1.0 / rings, rings)
-    return Phantom(
-        "rings",
-        tuple(
-            Disc(((1.0 - s) * pith_mm[0], (1.0 - s) * pith_mm[1]), s * radius_mm, WOOD if n == 0 else (-1) ** n * 0.003)
-            for n, s in enumerate(shares)
-        ),
-    )
+    densities = [WOOD, *((-1) ** n * 0.003 for n in range(1, len(shares)))]
+    places = [((1.0 - s) * pith_mm[0], (1.0 - s) * pith_mm[1]) for s in shares]
+    return Phantom("rings", tuple(map(Disc, places, radius_mm * np.asarray(shares), densities)))
 
 
 def board(half_width_mm, half_height_mm, x=3.0, y=-4.0):

@@ -109,12 +109,9 @@ def test_each_effect_changes_what_it_should_and_only_that(scan, name):
 
 def test_every_effect_is_tried_above():
     """A new field of the physics needs its line in CHANGES."""
+    groups = [group for effects, _ in CHANGES.values() for group in effects.values()]
     tried = {
-        field
-        for effects, _ in CHANGES.values()
-        for group in effects.values()
-        for field, value in vars(group).items()
-        if value != getattr(type(group)(), field)
+        field for group in groups for field, value in vars(group).items() if value != getattr(type(group)(), field)
     }
     of_another = {name for group in vars(Physics()).values() for name in vars(group) if name.endswith(OF_ANOTHER)}
     assert tried | of_another == {name for group in vars(Physics()).values() for name in vars(group)}

@@ -24,10 +24,8 @@ NOISE = 0.005
 def clean(scanner, theta, full_turn):
     geometry = FanBeamGeometry(scanner, theta, full_turn(VIEWS))
     log, cells = LogModel.random(51), DetectorCells.of(scanner)
-    rows = [
-        analytic.project(log.slice_at(60.0 + 2.0 * row), cells, geometry.frame, geometry.angles_rad)
-        for row in range(ROWS)
-    ]
+    slices = [log.slice_at(60.0 + 2.0 * row) for row in range(ROWS)]
+    rows = [analytic.project(slice_, cells, geometry.frame, geometry.angles_rad) for slice_ in slices]
     return np.stack(rows, axis=1).astype(np.float32)
 
 

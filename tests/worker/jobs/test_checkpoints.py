@@ -190,10 +190,8 @@ def test_a_full_disk_is_logged_once_and_tried_again_after_the_pause(search, full
         keep_when_due("third")
         full_disk(0)
         keep_when_due("fourth")
-    assert [(line["event"], line["name"]) for line in log] == [
-        ("checkpoint-left-out", "first"),
-        ("checkpoint-left-out", "fourth"),
-    ]
+    left_out = [(line["event"], line["name"]) for line in log]
+    assert left_out == [("checkpoint-left-out", "first"), ("checkpoint-left-out", "fourth")]
     assert announced == ["third"]
 
 

@@ -156,8 +156,7 @@ def test_a_scanner_starts_from_an_imported_geometry_and_its_checks_have_no_verdi
     store.reconstructions.accept(ReconstructionRequest(scan_id=scan.id, method="fbp", size=32, field_mm=300.0))
     assert run(attempt(kinds.RECONSTRUCT))["theta"] == pytest.approx(vars(THETA))
     store.drifts.accept(DriftRequest(scan_id=scan.id))
-    checking = attempt(kinds.DRIFT)
-    found = run(checking)
+    found = run(attempt(kinds.DRIFT))
     assert (found["within_tolerance"], found["reference"], found["rotation"]) == (None, "given-geometry", "reversed")
     moved_mm = TURNTABLE.source_frame(859.46).cor_column_mm - THETA.source_frame(859.46).cor_column_mm
     assert found["change"]["cor_column_mm"] == pytest.approx(moved_mm, abs=0.2)

@@ -196,9 +196,8 @@ def test_a_scan_that_does_not_fit_on_the_disk_is_refused_before_it_is_read(
     upload(exposed[0])
     reading = attempt(kinds.INGEST)
     full_disk(100_000, size_bytes=total)
-    with pytest.raises(
-        JobFailure, match=r"a scan of 36 x 44 x 128 needs up to 0.000811 GB and 0.0001 GB are free"
-    ) as full:
+    sentence = r"a scan of 36 x 44 x 128 needs up to 0.000811 GB and 0.0001 GB are free"
+    with pytest.raises(JobFailure, match=sentence) as full:
         run(reading)
     assert (full.value.kind, full.value.code) == (kind, "disk-full")
 
@@ -243,8 +242,7 @@ def test_block_by_block_a_scan_becomes_what_it_becomes_at_once(prepare, exposed,
     assert apart.remarks == whole.remarks
     assert len(whole.remarks) >= 5
     of_all = whole.stack[:, ~np.isnan(whole.stack[:, :, 0]).any(axis=0)]
-    as_given = prepare([of_all, None, None], window, together=together)
-    np.testing.assert_array_equal(as_given.stack, of_all)
+    np.testing.assert_array_equal(prepare([of_all, None, None], window, together=together).stack, of_all)
 
 
 @pytest.mark.parametrize("together", [(1, 1), (1, ROWS)])

@@ -171,8 +171,7 @@ def _coarse(sinogram: FloatArray) -> FloatArray:
     together = min(BLOCK_VIEWS, max(1, len(sinogram) // BLOCKS_A_TURN))
     views, cells = (size // block * block for size, block in zip(sinogram.shape, (together, BLOCK_CELLS), strict=True))
     blocks = sinogram[:views, :cells].reshape(views // together, together, -1, BLOCK_CELLS)
-    means: FloatArray = blocks.mean(axis=(1, 3)).ravel()
-    return means
+    return np.asarray(blocks.mean(axis=(1, 3)).ravel())
 
 
 def _span(rows: tuple[int, ...]) -> str:

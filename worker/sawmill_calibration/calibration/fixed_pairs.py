@@ -13,13 +13,7 @@ from numpy.typing import NDArray
 from sawmill_calibration.failures import InputError, input_errors_translated, options_of, read_json, refused
 from sawmill_calibration.known_geometry import drawing_of, to_phantom
 from sawmill_calibration.scans.scan_rows import ScanRows, ScanSource, open_rows, part_of
-from sawmill_contracts.fixed_pairs import (
-    MOST_PASSAGES,
-    BoardPose,
-    CalibratedPair,
-    FixedPairsOptions,
-    FixedPairsResult,
-)
+from sawmill_contracts.fixed_pairs import MOST_PASSAGES, BoardPose, CalibratedPair, FixedPairsOptions, FixedPairsResult
 from sawmill_contracts.geometry import ReportedSourceFrame, SourceFrameDeviation
 from sawmill_contracts.phantoms import PhantomDrawing
 from sawmill_contracts.reasons import CodedReason

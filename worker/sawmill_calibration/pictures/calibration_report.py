@@ -61,7 +61,11 @@ def report_figure(
     parts = {name: figure.add_subfigure(grid[row]) for row, name in enumerate(heights)}
     _draw_head(parts["head"], result.phantom, step, reader, lines, heights["head"])
     phantom_part, table_part = _side_by_side(parts["found"], 1, 1.02)
-    _draw_phantom(phantom_part, arrays, reader)
+    title = reader.words(N_("The phantom with the geometry found, and its drawing's outline over it"))
+    if arrays.phantom_image_method is ReconstructionMethod.TOTAL_VARIATION:
+        title += "\n" + reader.words(GUESSED_EDGES)
+    phantom_part.suptitle(title)
+    _draw_outlined(phantom_part, arrays, reader)
     _draw_table(table_part.add_subplot(), calibration_table(result))
     if arrays.log is not None:
         _draw_logs(parts["log"], arrays.log, reader)
@@ -136,14 +140,6 @@ def _draw_head(
     part.text(0.985, top, word, fontsize=17, color="white", ha="right", bbox=badge, **bold)
     for number, (line, line_color) in enumerate(lines):
         part.text(0.012, 1 - (0.85 + LINE_IN * number) / height_in, line, fontsize=12.5, va="top", color=line_color)
-
-
-def _draw_phantom(figure: FigureBase, arrays: CalibrationArrays, reader: Reader) -> None:
-    title = reader.words(N_("The phantom with the geometry found, and its drawing's outline over it"))
-    if arrays.phantom_image_method is ReconstructionMethod.TOTAL_VARIATION:
-        title += "\n" + reader.words(GUESSED_EDGES)
-    figure.suptitle(title)
-    _draw_outlined(figure, arrays, reader)
 
 
 def _draw_outlined(figure: FigureBase, arrays: CalibrationArrays, reader: Reader) -> None:

@@ -1,7 +1,7 @@
 """Finished blocks of a volume, kept in stored form and written unchanged into the next attempt's file."""
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from threading import Lock
 from typing import Any
@@ -67,9 +67,10 @@ class KeptVolume:
             if settings != self._kept_settings:
                 keep_settings(self._keeper, settings)
                 self._kept_settings = settings
+        remarks = [CodedReason.of(remark).model_dump(mode="json") for remark in block.findings.remarks]
         summary: dict[str, NDArray[Any]] = {
             "sample": block.sample,
-            "findings": _text({**asdict(block.findings), "remarks": _coded(block.findings.remarks)}),
+            "findings": _text({**asdict(block.findings), "remarks": remarks}),
             "fewest_views": np.array(block.fewest_views),
         }
         self._keeper.keep(_name(first), {**slices.arrays(), **summary}, settings)
@@ -92,7 +93,3 @@ def _findings(parsed: dict[str, Any]) -> BlockFindings:
     metal, curve = MetalCount(**parsed.pop("metal")), parsed.pop("curve")
     remarks = [CodedReason.model_validate(each).text for each in parsed.pop("remarks")]
     return BlockFindings(**parsed, remarks=remarks, metal=metal, curve=None if curve is None else CurvePoints(**curve))
-
-
-def _coded(remarks: Iterable[str]) -> list[dict[str, Any]]:
-    return [CodedReason.of(each).model_dump(mode="json") for each in remarks]

@@ -33,7 +33,7 @@ from sawmill_tomography.geometry.geometry import FanBeamGeometry, FanViews, Geom
 from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.projection.projector import Projector
 from sawmill_tomography.reconstruction import cost
-from sawmill_tomography.reconstruction.choosing import Recommendation, recommend, views_of_step
+from sawmill_tomography.reconstruction.choosing import recommend, views_of_step
 from sawmill_tomography.reconstruction.iterative.coarse_outside import fitted_size
 from sawmill_tomography.reconstruction.method import DirectMethod
 from sawmill_tomography.reconstruction.object_extent import object_radius_mm, seen_radius_mm
@@ -270,7 +270,9 @@ class _Run:
         radius_mm = _radius_mm(self._scan.read, self._projector.geometry, self.slices)
         name, recommended = self._options.method, None
         if name is ReconstructionMethod.AUTO:
-            recommended = self._recommended(sample, radius_mm)
+            projector, options = self._projector, self._options
+            size = fitted_size(projector.grid, radius_mm)
+            recommended = recommend(projector.geometry, sample, projector.grid, fitted_size=size, prefer=options.prefer)
             name = recommended.method
             sample = self._thin_out(recommended.view_step, sample)
         scan, method = self._scan, method_of(name, self._options)
@@ -332,11 +334,6 @@ class _Run:
         numbers = np.arange(first, min(first + SLICES_AROUND, self.slices))
         complete = filled(self._scan.read(first, first + numbers.size), self._scan.angles_rad)
         return numbers, np.ascontiguousarray(complete.transpose(1, 0, 2))
-
-    def _recommended(self, sample: NDArray[np.float32], radius_mm: float) -> Recommendation:
-        projector, options = self._projector, self._options
-        size = fitted_size(projector.grid, radius_mm)
-        return recommend(projector.geometry, sample, projector.grid, fitted_size=size, prefer=options.prefer)
 
     def _thin_out(self, step: int, sample: NDArray[np.float32]) -> NDArray[np.float32]:
         """Keep every step-th view from here on, and return the sample with these views."""

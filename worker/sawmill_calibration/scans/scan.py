@@ -219,8 +219,7 @@ def rows_of_memory(
 
     def read_row(row: int) -> NDArray[np.float32]:
         if row in numbers:
-            lines: NDArray[np.float32] = scan.line_integrals[kept, numbers.index(row)]
-            return lines
+            return np.asarray(scan.line_integrals[kept, numbers.index(row)])
         return np.full((kept.size, scan.line_integrals.shape[2]), np.nan, np.float32)
 
     return ScanRows(

@@ -91,8 +91,7 @@ def detector_lines(
 
 def waves(sizes_mm: Sequence[float], at_cells: NDArray[np.intp], cells: int) -> FloatArray:
     """Return how far some of a detector's cells lie from equal distances, mm."""
-    shifts: FloatArray = np.asarray(sizes_mm) @ wave_shapes(len(sizes_mm), at_cells, cells)
-    return shifts
+    return np.asarray(sizes_mm) @ wave_shapes(len(sizes_mm), at_cells, cells)
 
 
 def wave_shapes(count: int, at_cells: NDArray[np.intp], cells: int) -> FloatArray:
@@ -101,8 +100,7 @@ def wave_shapes(count: int, at_cells: NDArray[np.intp], cells: int) -> FloatArra
     A constant is u_c, and half a wave hardly differs from another distance of the source.
     """
     order = np.arange(FIRST_WAVE, FIRST_WAVE + count)
-    shapes: FloatArray = np.cos(math.pi / cells * np.multiply.outer(order, at_cells + 0.5))
-    return shapes
+    return np.asarray(np.cos(math.pi / cells * np.multiply.outer(order, at_cells + 0.5)))
 
 
 def _on_arc(at: ArrayLike, radius_mm: float | None) -> tuple[NDArray[np.complex128], FloatArray]:
@@ -163,8 +161,7 @@ def flat_borders_mm(scanner: Scanner, frame: SourceFrame) -> FloatArray:
     """Return the coordinate u at which the rays to each cell's borders meet the source frame's line, (cells, 2) mm."""
     across, along = np.stack([cell_points(scanner, frame, at) for at in (-0.5, 0.5)]).transpose(2, 1, 0)
     sine, cosine = math.sin(frame.tilt_rad), math.cos(frame.tilt_rad)
-    flat: FloatArray = frame.cor_column_mm + frame.source_to_detector_mm * across / (along * cosine - across * sine)
-    return flat
+    return np.asarray(frame.cor_column_mm + frame.source_to_detector_mm * across / (along * cosine - across * sine))
 
 
 @dataclass(frozen=True, eq=False)

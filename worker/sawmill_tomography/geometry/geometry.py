@@ -120,8 +120,7 @@ class FanViews:
     def from_cor_mm(self, u_mm: FloatArray) -> FloatArray:
         """Return the distance from the COR at which the rays to coordinates u (n,) pass, (views, n)."""
         to = (self.middle_mm - self.source_mm)[:, None] + u_mm[:, None] * self.axis[:, None]
-        distances: FloatArray = np.abs(_cross(self.source_mm[:, None], to)) / np.hypot(to[..., 0], to[..., 1])
-        return distances
+        return np.abs(_cross(self.source_mm[:, None], to)) / np.hypot(to[..., 0], to[..., 1])
 
     def vectors(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return source, detector centre and detector axis of each view, each (views, 2) in mm (axis: unit length)."""
@@ -202,8 +201,7 @@ def turning(views: FanViews) -> "FanBeamGeometry":
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    product: FloatArray = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-    return product
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
 @dataclass(frozen=True, eq=False, init=False)

@@ -109,8 +109,7 @@ def _middles(data: Sequence[PairData], frames: FloatArray) -> FloatArray:
         normals.append(normal)
         offsets.append(normal @ source)
     a, b = np.stack(normals, 1), np.stack(offsets, 1)
-    points: FloatArray = np.linalg.solve(np.swapaxes(a, 1, 2) @ a, np.swapaxes(a, 1, 2) @ b[..., None])[..., 0]
-    return points
+    return np.linalg.solve(np.swapaxes(a, 1, 2) @ a, np.swapaxes(a, 1, 2) @ b[..., None])[..., 0]
 
 
 def _distinct(power: FloatArray, poses: FloatArray) -> list[tuple[float, FloatArray]]:

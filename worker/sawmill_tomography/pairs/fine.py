@@ -503,8 +503,7 @@ class FineFit:
             together = _of_groups(columns, groups)
             spread[np.ix_(places, places)] += _correlated(together, shared)
         inverse = scaled_inverse(normal)
-        covariance: FloatArray = inverse @ spread @ inverse
-        return covariance
+        return inverse @ spread @ inverse
 
 
 def striped(residual: FloatArray) -> float:

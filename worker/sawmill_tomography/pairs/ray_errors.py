@@ -133,8 +133,7 @@ class PairRays:
         moved = _slopes(lambda x: moved_frames(x, motion.tolist()), frames, np.tile(STEPS, len(frames)))
         rigid = _slopes(lambda x: moved_frames(self.frames, x.tolist()), np.zeros(3), STEPS[[1, 2, 0]])
         kept = (np.eye(frames.size) - rigid @ self.to_gauge[:3]) @ moved
-        left: FloatArray = kept @ covariance @ kept.T
-        return left
+        return kept @ covariance @ kept.T
 
     def scale_deviation(self, covariance: FloatArray) -> float:
         """Predict the standard deviation of the common scale, a share."""

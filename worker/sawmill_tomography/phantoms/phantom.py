@@ -210,10 +210,7 @@ class Phantom:
         fine = np.zeros((n, n), np.float32)
         for shape in self.shapes:
             fine += np.float32(shape.density) * _inside(shape, axis)
-        image: NDArray[np.float32] = fine.reshape(size, subsamples, size, subsamples).mean(
-            axis=(1, 3), dtype=np.float32
-        )
-        return image
+        return np.asarray(fine.reshape(size, subsamples, size, subsamples).mean(axis=(1, 3), dtype=np.float32))
 
 
 def _refuse_without_inside(shape: Shape) -> None:
@@ -233,10 +230,9 @@ def _divided(corners: FloatArray, longest_mm: float) -> FloatArray:
     along = np.concatenate([corners[1:], corners[:1]]) - corners
     parts = np.maximum(np.ceil(np.hypot(*along.T) / longest_mm).astype(int), 1)
     number = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
-    divided: FloatArray = (
+    return np.asarray(
         np.repeat(corners, parts, axis=0) + np.repeat(along / parts[:, None], parts, axis=0) * (number[:, None])
     )
-    return divided
 
 
 def _map_shape(shape: Shape, move: MovePoint) -> Shape:

@@ -163,8 +163,7 @@ def _squared_distances(x: FloatArray, y: FloatArray) -> FloatArray:
     across, up = x[-1] - x[0], y[-1] - y[0]
     x, y = x - x[0], y - y[0]
     share = np.clip((x * across + y * up) / max(across**2 + up**2, np.finfo(float).tiny), 0.0, 1.0)
-    squares: FloatArray = (x - share * across) ** 2 + (y - share * up) ** 2
-    return squares
+    return np.asarray((x - share * across) ** 2 + (y - share * up) ** 2)
 
 
 def _fit_sides(outline: FloatArray, corners: NDArray[np.intp], near: float) -> FloatArray:

@@ -175,8 +175,7 @@ def blur_taps(width_cells: float) -> FloatArray:
     (Lindeberg 1990).
     """
     taps = np.asarray(scipy.special.ive(np.arange(math.ceil(4.5 * width_cells) + 2), width_cells**2), np.float64)
-    normalised: FloatArray = taps / (2.0 * taps.sum() - taps[0])
-    return normalised
+    return np.asarray(taps / (2.0 * taps.sum() - taps[0]))
 
 
 def gram(

@@ -199,16 +199,14 @@ def _chords_mm(row: FloatArray, source: FloatArray, towards: FloatArray) -> Floa
         pace = np.where(np.abs(step) < PARALLEL, PARALLEL, step)
         first, last = (-half - start) / pace, (half - start) / pace
         enter, leave = np.maximum(enter, np.minimum(first, last)), np.minimum(leave, np.maximum(first, last))
-    chords: FloatArray = np.maximum(leave - enter, 0.0)
-    return chords
+    return np.asarray(np.maximum(leave - enter, 0.0))
 
 
 def _inside(row: FloatArray, x_mm: FloatArray, y_mm: FloatArray, margin_mm: float) -> NDArray[np.bool_]:
     """Return which points are inside a rod with a margin."""
     along, aside = rotate(-row[2], x_mm - row[0], y_mm - row[1])
     length, thickness = 0.5 * np.exp(row[3:5]) + margin_mm
-    inside: NDArray[np.bool_] = (np.abs(along) < length) & (np.abs(aside) < thickness)
-    return inside
+    return np.asarray((np.abs(along) < length) & (np.abs(aside) < thickness))
 
 
 def _pixels_near(row: FloatArray, grid: ImageGrid, axis: int) -> slice:
@@ -231,5 +229,4 @@ def _overlaps(source: ImageGrid, target: ImageGrid, axis: int) -> FloatArray:
         grid.low_mm[axis] + np.arange(grid.size + 1, dtype=np.float64) * grid.pixel_mm for grid in (source, target)
     )
     common = np.minimum(source_ends[1:], target_ends[1:, None]) - np.maximum(source_ends[:-1], target_ends[:-1, None])
-    shares: FloatArray = np.maximum(common, 0.0) / target.pixel_mm
-    return shares
+    return np.asarray(np.maximum(common, 0.0) / target.pixel_mm)

@@ -66,8 +66,7 @@ class WeightChoice:
     @property
     def image(self) -> Image:
         """Image near the slice's image, (size, size)."""
-        mean: Image = self.images.mean(axis=0)
-        return mean
+        return np.asarray(self.images.mean(axis=0))
 
 
 def choose_weight(

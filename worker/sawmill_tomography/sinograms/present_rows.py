@@ -30,8 +30,7 @@ class MeanOfRows(NamedTuple):
 
 def present_rows(stack: NDArray[np.floating]) -> Rows:
     """Return which rows (..., rows) of images (..., rows, cells) are present: a missing row is NaN in every cell."""
-    there: Rows = ~np.isnan(stack[..., 0])
-    return there
+    return np.asarray(~np.isnan(stack[..., 0]))
 
 
 def mean_of_rows(stack: NDArray[np.floating]) -> MeanOfRows:

@@ -122,8 +122,7 @@ def fit_hardening(lengths_mm: FloatArray, integrals: FloatArray, *, from_counts:
     weight = np.sqrt(number[seen])
 
     def residual(x: FloatArray) -> FloatArray:
-        weighted: FloatArray = weight * (mean - x[0] - x[1] * (np.log1p(x[2] * length) / x[2]))
-        return weighted
+        return np.asarray(weight * (mean - x[0] - x[1] * (np.log1p(x[2] * length) / x[2])))
 
     # Unknowns: background, attenuation per mm, and spread times attenuation per mm.
     start = np.array([mean[0], (mean[-1] - mean[0]) / longest_mm, 0.3 / longest_mm])

@@ -85,15 +85,11 @@ def write(app: FastAPI, folder: Path) -> None:
     requests = folder / "requests"
     requests.mkdir(parents=True, exist_ok=True)
     (folder / "openapi.json").write_text(render(app))
-    for path in requests.glob("*.json"):
-        path.unlink()
-    for example in example_requests(app):
+    for earlier in requests.glob("*.json"):
+        earlier.unlink()
+    for path, method, operation in _operations(app.openapi()):
+        example = _example_request(path, method, operation)
         (requests / f"{example.operation_id}.json").write_text(example.render())
-
-
-def example_requests(app: FastAPI) -> list[ExampleRequest]:
-    """Return the example of each operation, as the console would send it."""
-    return [_example_request(path, method, operation) for path, method, operation in _operations(app.openapi())]
 
 
 def _operations(document: dict[str, Any], part: str = "paths") -> Iterator[tuple[str, str, dict[str, Any]]]:

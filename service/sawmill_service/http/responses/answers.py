@@ -120,11 +120,7 @@ def disposed(disposition: str, name: str) -> str:
 
 
 def _saved(disposition: str, name: str) -> dict[str, str]:
-    return {
-        "Content-Disposition": disposed(disposition, name),
-        "Accept-Ranges": "bytes",
-        "Cache-Control": CACHING,
-    }
+    return {"Content-Disposition": disposed(disposition, name), "Accept-Ranges": "bytes", "Cache-Control": CACHING}
 
 
 def unchanging(answer: Response) -> Response:

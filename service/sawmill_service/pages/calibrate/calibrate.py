@@ -271,11 +271,7 @@ def _of_calibration(
     if calibration.state in {"queued", "running"}:
         jobs = [calibration.job_id] if scan is None else [scan.job_id, calibration.job_id]
         return page.answer(
-            "calibrate_running.html",
-            calibration=calibration,
-            scanner=scanner,
-            jobs=jobs,
-            stages=stages(page),
+            "calibrate_running.html", calibration=calibration, scanner=scanner, jobs=jobs, stages=stages(page)
         )
     unread = None if scan is None or scan.state is not ScanState.REFUSED else store.jobs.get(scan.job_id).failure
     failure = unread or calibration.failure

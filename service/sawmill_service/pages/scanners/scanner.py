@@ -166,10 +166,7 @@ def create_scanner(
 
 @router.get("/scanners/{scanner_id}")
 def scanner(
-    scanner_id: Identifier,
-    page: ThePage,
-    store: TheStore,
-    days: Annotated[float, Query(ge=0.1, le=3660)] = 90,
+    scanner_id: Identifier, page: ThePage, store: TheStore, days: Annotated[float, Query(ge=0.1, le=3660)] = 90
 ) -> HTMLResponse:
     """Show the whole page."""
     return _answer(page, store, store.scanners.get(scanner_id), days=days)
@@ -284,9 +281,7 @@ def _answer(
         day_choices=DAYS,
         schedule_form=schedule or ScheduleForm(),
         drawing=scanner_drawing(
-            active.scanner if active else stored.constants,
-            active.theta if active else stored.imported_theta,
-            radius_mm,
+            active.scanner if active else stored.constants, active.theta if active else stored.imported_theta, radius_mm
         ),
         made_with=_made_with(active, stored.constants),
         settings=form or _forms(page).of(stored),

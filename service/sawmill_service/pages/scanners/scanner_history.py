@@ -20,13 +20,8 @@ from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheStore
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.charts import DEVIATIONS, MOST_LINES, Span, is_calibration, trend_chart
-from sawmill_service.pages.frame.languages import (
-    Word,
-    marked,
-)
-from sawmill_service.pages.frame.page_frame import (
-    ThePage,
-)
+from sawmill_service.pages.frame.languages import Word, marked
+from sawmill_service.pages.frame.page_frame import ThePage
 from sawmill_service.pages.lists import SHOWN, DaySpan, TheSpan
 from sawmill_service.pages.scanners.scanner import SPANS
 from sawmill_service.pages.scanners.scanner_form import FIELDS

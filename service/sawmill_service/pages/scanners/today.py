@@ -19,10 +19,7 @@ from sawmill_service.dependencies import TheStore, TheStreamTimes
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.charts import Span, Sparkline, sparkline
 from sawmill_service.pages.frame.languages import natural_order
-from sawmill_service.pages.frame.page_frame import (
-    PageFrame,
-    ThePage,
-)
+from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
 from sawmill_service.scanner_conditions import ScannerCondition, conditions_of
 from sawmill_store.examples import is_example, remove_examples
 from sawmill_store.store import Store

@@ -55,9 +55,5 @@ def _answer(
     page: PageFrame, webhooks: TheWebhooks, settings: ServiceSettings, tested: WebhookTest | None = None
 ) -> HTMLResponse:
     return page.answer(
-        "webhooks.html",
-        webhooks=webhooks.all(),
-        states=STATES,
-        allowed=settings.webhook_destinations,
-        tested=tested,
+        "webhooks.html", webhooks=webhooks.all(), states=STATES, allowed=settings.webhook_destinations, tested=tested
     )

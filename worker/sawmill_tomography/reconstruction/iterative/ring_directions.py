@@ -71,8 +71,7 @@ def enlarged(directions: Images, size: int) -> Images:
 def halved(images: Images) -> Images:
     """Return images (slices, n, n) of an even size with pixels of twice the size."""
     slices, n, _ = images.shape
-    means: Images = images.reshape(slices, n // 2, 2, n // 2, 2).mean(axis=(2, 4))
-    return means
+    return np.asarray(images.reshape(slices, n // 2, 2, n // 2, 2).mean(axis=(2, 4)))
 
 
 def outlines(relative: Images, grid: ImageGrid) -> tuple[Floats, Floats, Images]:
