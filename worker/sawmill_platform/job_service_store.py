@@ -102,14 +102,14 @@ class JobServiceStore:
         return Outbox(self.database)
 
     def leftovers(self, *, grace_s: float, now_s: Callable[[], float] = time.monotonic) -> Leftovers:
-        """Return the remover of files that no row names; its parameters are those of `Leftovers`."""
+        """Return the remover of files that no row names; its parameters belong to `Leftovers`."""
         return Leftovers(self.database, self.files, self._named_folders, grace_s=grace_s, now_s=now_s)
 
     def fill_new(self) -> None:
         """Write the rows that every store has."""
 
     def lost_files(self) -> list[str]:
-        """Return the paths of files that rows name and that are missing; errors are those of `lost_files`."""
+        """Return the paths of files that rows name and that are missing; it raises what `lost_files` does."""
         return lost_files(self.database, self._named_folders, self.files.folder)
 
     def prepare(self, *, may_begin: bool = True) -> None:

@@ -100,35 +100,20 @@ def displaced_views(clean, *, moments=None, rng=None):  # noqa: ARG001 - every f
     clean[views] = np.roll(clean[views], 5, axis=1)
 
 
+OF_CELLS = [Adjustment.FAULTY_CELLS, Adjustment.OUTLIERS]
 # The fault, how it is reported, and what must be left out for the scan to fail: outliers would mend single cells too,
 # and densities of the wood's patches what rays through much wood have in common.
 FAULTS = {
-    "hot cells": (hot_cells, "detector cells without a usable signal", [Adjustment.FAULTY_CELLS, Adjustment.OUTLIERS]),
-    "dead cells": (
-        dead_cells,
-        "detector cells without a usable signal",
-        [Adjustment.FAULTY_CELLS, Adjustment.OUTLIERS],
-    ),
-    "a band without data": (
-        a_band_without_data,
-        "30 detector cells without a usable signal",
-        [Adjustment.FAULTY_CELLS],
-    ),
+    "hot cells": (hot_cells, "detector cells without a usable signal", OF_CELLS),
+    "dead cells": (dead_cells, "detector cells without a usable signal", OF_CELLS),
+    "a band without data": (a_band_without_data, "30 detector cells without a usable", [Adjustment.FAULTY_CELLS]),
     "corrupt views": (corrupt_views, "3 corrupt views", [Adjustment.CORRUPT_VIEWS]),
     "a glitch in three views": (a_glitch_in_three_views, "of the samples are outliers", [Adjustment.OUTLIERS]),
     "displaced views": (displaced_views, "3 views that do not fit the others", [Adjustment.OUTLIERS]),
-    "gain of each view": (gain_of_each_view, "The views differ in gain or background", [Adjustment.VIEW_GAIN]),
-    "background of each view": (
-        background_of_each_view,
-        "The views differ in gain or background",
-        [Adjustment.VIEW_GAIN],
-    ),
+    "gain of each view": (gain_of_each_view, "The views differ in gain", [Adjustment.VIEW_GAIN]),
+    "background of each view": (background_of_each_view, "The views differ in gain", [Adjustment.VIEW_GAIN]),
     "beam hardening": (beam_hardening, "Beam hardening of -8", [Adjustment.BEAM_HARDENING, Adjustment.WOOD_DENSITY]),
-    "sloping density": (
-        sloping_density,
-        "density slopes by 12",
-        [Adjustment.DENSITY_GRADIENT, Adjustment.WOOD_DENSITY],
-    ),
+    "slope": (sloping_density, "slopes by 12", [Adjustment.DENSITY_GRADIENT, Adjustment.WOOD_DENSITY]),
     "blur": (blur, "A blur of 2.0", [Adjustment.BLUR]),
 }
 

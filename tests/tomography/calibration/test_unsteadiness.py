@@ -65,8 +65,7 @@ def test_a_phantom_that_leans_and_settles_is_named():
 def test_a_phantom_that_slips_three_times_is_watched_where_other_motions_explain_it(seed):
     """Two of its slips, or one, or a wobble, were fitted, and the scan passed 0.11 to 0.17 mm off."""
     _, verdict, true_mm = otherwise("three slips", seed)
-    assert true_mm > 0.1
-    assert verdict == "watch"
+    assert (verdict, true_mm > 0.1) == ("watch", True)
 
 
 @pytest.mark.nightly

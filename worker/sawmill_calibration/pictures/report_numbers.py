@@ -200,7 +200,7 @@ def budget_rows(result: CalibrationResult) -> list[tuple[str, list[str]]]:
 
 
 def budget_notes(result: CalibrationResult, reader: Reader = ENGLISH) -> list[str]:
-    """Return sentences on the budget: its kinds, the bounds beside it, and what it is not."""
+    """Return sentences on the budget: its kinds, the bounds, and what it is not."""
     error, scale = result.predicted_ray_error_mm, result.scale_uncertainty_percent
     values = {"rms": error.rms if error else None, "bound": error.upper_95 if error else None, "scale": scale}
     written = {name: reader.localised(_three_digits(value)) for name, value in values.items()}
