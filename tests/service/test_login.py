@@ -93,15 +93,15 @@ def test_a_wrong_key_has_its_sentence_and_too_many_of_an_address_are_refused(bro
         assert "Set-Cookie" not in answer.headers
         assert not answer.headers["WWW-Authenticate"].startswith("Basic")
     assert event_kinds.LOGGED_IN not in {entry.action for entry in store.audit.all()}
-    browser.app = create_app(ServiceSettings(token=TOKEN, failed_login_rate_limit="2/minute"), store, print)
+    browser.app = create_app(ServiceSettings(token=TOKEN, failed_login_rate_limit="2/day"), store, print)
     good = store.keys.create(KeyRequest(name="line 2", scope=Scope.READ))
     assert log_in(browser, "sawmill_wrong").status_code == 401
     wrong = {"Authorization": "Bearer sawmill_wrong_too"}
     assert browser.get("/v1/scanners", headers=wrong).status_code == 401
     page = log_in(browser, "sawmill_wrong_as_well")
     assert (page.status_code, page.headers["Content-Type"]) == (429, "text/html; charset=utf-8")
-    assert "127.0.0.1 may send 2 wrong keys in 60 s" in page.text
-    assert 1 <= int(page.headers["Retry-After"]) <= 60
+    assert "127.0.0.1 may send 2 wrong keys in 86400 s" in page.text
+    assert 1 <= int(page.headers["Retry-After"]) <= 86400
     another = browser.get("/v1/scanners", headers={"Authorization": "Bearer sawmill_and_another"})
     assert refusal(another) == (429, "too-many-requests")
     assert browser.get("/v1/scanners", headers={"Authorization": f"Bearer {good.secret}"}).status_code == 200
