@@ -59,7 +59,9 @@ def _knot_losses(cell_mm: float) -> tuple[FloatArray, FloatArray]:
     f = (np.arange(FREQUENCIES) + 0.5) * 0.5 / (FREQUENCIES * cell_mm)
     radius, (near, far) = 0.5 * KNOT_MM, AROUND
     # Transforms of discs over pi f: of the knot, and of the ring around it (Bracewell 2000, chapter 13).
-    disc, inner, outer = (size * radius * _bessel_j1(TAU * size * radius * f) / f for size in (1.0, near, far))
+    disc, inner, outer = (
+        size * radius * _bessel_j1(np.asarray(TAU * size * radius * f)) / f for size in (1.0, near, far)
+    )
     measured = disc / radius**2 - (outer - inner) / ((far**2 - near**2) * radius**2)
     # The image without an error: Hann's window, the mean over the cell's width, linear interpolation between cells, and
     # the mean over a pixel as wide as a cell at the COR (docs/look-up/conventions.md#filtered-back-projection).
