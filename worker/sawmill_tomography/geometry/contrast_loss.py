@@ -56,12 +56,10 @@ def _losses(scanner: Scanner, frame: SourceFrame, errors: FloatArray, radius_mm:
 
 def _knot_losses(cell_mm: float) -> tuple[FloatArray, FloatArray]:
     """Return displacements, mm, and the losses of a knot's contrast by rays that are all displaced as far."""
-    f = (np.arange(FREQUENCIES) + 0.5) * 0.5 / (FREQUENCIES * cell_mm)
+    f: FloatArray = np.asarray((np.arange(FREQUENCIES) + 0.5) * 0.5 / (FREQUENCIES * cell_mm))
     radius, (near, far) = 0.5 * KNOT_MM, AROUND
     # Transforms of discs over pi f: of the knot, and of the ring around it (Bracewell 2000, chapter 13).
-    disc, inner, outer = (
-        size * radius * _bessel_j1(np.asarray(TAU * size * radius * f)) / f for size in (1.0, near, far)
-    )
+    disc, inner, outer = (reach * _bessel_j1(TAU * reach, f) / f for reach in (radius, near * radius, far * radius))
     measured = disc / radius**2 - (outer - inner) / ((far**2 - near**2) * radius**2)
     # The image without an error: Hann's window, the mean over the cell's width, linear interpolation between cells, and
     # the mean over a pixel as wide as a cell at the COR (docs/look-up/conventions.md#filtered-back-projection).
@@ -71,7 +69,7 @@ def _knot_losses(cell_mm: float) -> tuple[FloatArray, FloatArray]:
     return displacements, 1.0 - np.cos(TAU * np.outer(displacements, f)) @ kernel / kernel.sum()
 
 
-def _bessel_j1(x: FloatArray) -> FloatArray:
-    """Return J1 by the midpoint rule of its integral (DLMF 10.9.2): importing `scipy.special` delays each start."""
-    angles = 0.5 * TAU * (np.arange(nodes := int(x.max()) + 32) + 0.5) / nodes
-    return np.asarray(np.cos(angles - np.outer(x, np.sin(angles))).mean(axis=1))
+def _bessel_j1(times: float, x: FloatArray) -> FloatArray:
+    """Return J1 of `times` x by the midpoint rule (DLMF 10.9.2): importing `scipy.special` delays each start."""
+    angles = 0.5 * TAU * (np.arange(nodes := int(times * x.max()) + 32) + 0.5) / nodes
+    return np.asarray(np.cos(angles - times * np.outer(x, np.sin(angles))).mean(axis=1))

@@ -585,8 +585,8 @@ class JointFitter:
         # A detector that shows none hides further ones as far as the first does not take the evidence: the wood's
         # structure looks like one.
         left = 1.0 if found else 1.0 - sum(float(one.probabilities.sum()) for one in hidden) ** 2
-        further = (FURTHER_THAN_FOUND if found else FURTHER_HIDDEN) if len(found) < FURTHER_THAN_FOUND else 0
-        for _ in range(further):
+        most = FURTHER_THAN_FOUND if found else FURTHER_HIDDEN
+        for _ in range(most if len(found) < FURTHER_THAN_FOUND else 0):
             yield tuple(replace(one, probabilities=left * one.probabilities) for one in hidden)
         for module in sorted(found, key=lambda one: one.first_cell):
             places = self._places_of(module, grams, system, used)
