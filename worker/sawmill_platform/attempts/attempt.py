@@ -115,7 +115,7 @@ def _gone_files_are_outages(attempt: protocol.Attempt[Any]) -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        ours = [str(path) for path in (attempt.output, *attempt.given.readable) if path is not None]
+        ours = [str(path) for path in (attempt.output, *attempt.given.readable)]
         cause: BaseException | None = error
         while cause is not None:
             if isinstance(cause, FileNotFoundError) and any(path in str(cause) for path in ours):

@@ -131,7 +131,7 @@ def unit_of(column: Column, model: ScanModel) -> float:
 
 @cache
 def _sizes(low: float, high: float) -> FloatArray:
-    """Return the sizes between two of them."""
+    """Return `SIZES` sizes of which each is the one before times a factor."""
     return np.geomspace(low, high, SIZES)
 
 
