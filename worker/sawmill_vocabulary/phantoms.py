@@ -70,9 +70,12 @@ class Polygon(AsContract):
     @property
     def area_mm2(self) -> float:
         """Enclosed area, mm²; 0 where the corners lie on one line."""
-        x0, y0 = self.vertices_mm[0]
-        corners = [(x - x0, y - y0) for x, y in self.vertices_mm]
-        return 0.5 * abs(sum(xa * yb - xb * ya for (xa, ya), (xb, yb) in pairwise([*corners, corners[0]])))
+        (x0, y0), twice, xa, ya = self.vertices_mm[0], 0.0, 0.0, 0.0
+        for x, y in self.vertices_mm:
+            xb, yb = x - x0, y - y0
+            twice += xa * yb - xb * ya
+            xa, ya = xb, yb
+        return 0.5 * abs(twice)
 
     @property
     def extent_mm(self) -> tuple[float, float, float, float]:

@@ -219,7 +219,7 @@ def _refuse_without_inside(shape: Shape) -> None:
     if isinstance(shape, Disc):
         if not (math.isfinite(shape.radius_mm) and shape.radius_mm > 0.0 and np.isfinite(shape.center_mm).all()):
             raise PhantomError(f"a disc needs a positive radius and a finite centre in mm, not {shape}")
-    elif len(shape.vertices_mm) < 3 or not np.isfinite(shape.vertices_mm).all():
+    elif len(shape.vertices_mm) < 3 or not math.isfinite(shape.area_mm2):
         raise PhantomError("a polygon needs at least three corners with finite coordinates in mm")
     elif shape.area_mm2 < 1e-6:
         raise PhantomError("a polygon's corners must enclose an area; these lie on one line")

@@ -1,10 +1,11 @@
 """The climb from a set of groups to the likeliest one next to it, one group or size at a time."""
 
 import math
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sawmill_tomography.calibration.joint_fit.groups import SIZES, STRUCTURES, Fitted, Group, Posterior, is_module
 from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel
@@ -25,16 +26,16 @@ class Climb:
     model: ScanModel
     structured: float  # the part of the residual's power that neighbouring cells share
     scatter: dict[Fitted, float]  # how much more than noise the scores of effects scatter from view to view
+    _alike: dict[tuple[Group, ...], list["_Alike"]] = field(default_factory=dict, init=False)
 
     def to(self, posterior: Posterior, groups: Sequence[Group], most: int, barred: Collection[Group] = ()) -> Posterior:
         """Return the posterior after the best changes of one size at a time; at most `most` groups join."""
         out = set(barred)
         for _ in range(CHANGES):
-            left = [each for each in groups if each not in out and self._may_join(each, posterior)] if most else []
             changes: list[tuple[float, Group | None, float]] = [(0.0, None, 0.0)]
-            for each, evidence in zip(left, self.evidences(posterior, left), strict=True):
-                place = int(evidence.argmax())
-                changes.append((float(evidence[place]), each, float(each.sizes[place])))
+            for each, gained in self._likeliest(posterior, groups) if most else ():
+                if gained > BETTER and each not in out and self._may_join(each, posterior):
+                    changes.append((gained, each, 0.0))
             for each, now in posterior.sizes.items():
                 evidence = self.evidence(posterior, each)
                 current, place = each.at(evidence, now), int(evidence.argmax())
@@ -60,6 +61,10 @@ class Climb:
                 out.add(group)
         return posterior
 
+    def _likeliest(self, posterior: Posterior, groups: Sequence[Group]) -> Iterator[tuple[Group, float]]:
+        """Yield groups, each with the evidence of its likeliest size where the group is not fitted."""
+        yield from zip(groups, self.evidences(posterior, groups).max(axis=1).tolist(), strict=True)
+
     @staticmethod
     def _may_join(group: Group, posterior: Posterior) -> bool:
         """Return whether a group is not in a set, and no slip of its kind that is too near is."""
@@ -76,26 +81,21 @@ class Climb:
         """Return the likelihood (logarithm) by which sets of groups are compared, with one variance for all."""
         return replace(posterior, variance=max(posterior.variance, self.structured / STRUCTURES)).log_likelihood
 
-    def evidences(self, posterior: Posterior, groups: Sequence[Group]) -> list[FloatArray]:
-        """Return the evidence of groups that are not fitted, as `evidence` does."""
-        found: dict[Group, FloatArray] = {}
-        for width in {len(group.unit) for group in groups}:
-            alike = [group for group in groups if len(group.unit) == width]
-            places, units = np.array([group.one.places for group in alike]), np.stack([each.unit for each in alike])
-            scatter = np.array([self.scatter.get(group.one, 1.0) for group in alike])
-            shares = np.array([group.shares for group in alike])
-            tempered = posterior.variance / np.maximum(posterior.variance * scatter, self.structured / shares)
-            information, score = posterior.left_of_all
-            values, vectors = np.linalg.eigh(
-                information[places[:, :, None], places[:, None]] * units[:, :, None] * units[:, None]
-            )
-            square = ((score[places] * units)[:, None] @ vectors)[:, 0] ** 2
+    def evidences(self, posterior: Posterior, groups: Sequence[Group]) -> FloatArray:
+        """Return the evidence (groups, SIZES) of groups that are not fitted, as `evidence` does."""
+        if (every := tuple(groups)) not in self._alike:
+            self._alike[every] = [_Alike.of(every, width) for width in {len(group.unit) for group in every}]
+        found, (information, score) = np.empty((len(every), SIZES)), posterior.left_of_all
+        for some in self._alike[every]:
+            scatter = np.array([self.scatter.get(group.one, 1.0) for group in some.groups])
+            tempered = posterior.variance / np.maximum(posterior.variance * scatter, self.structured / some.shares)
+            values, vectors = np.linalg.eigh(information[some.square] * some.units)
+            square = ((score[some.places] * some.unit)[:, None] @ vectors)[:, 0] ** 2
             values, square = np.maximum(values, 0.0) * tempered[:, None], square * tempered[:, None] ** 2
-            s = np.stack([group.sizes for group in alike])[:, :, None] ** 2
-            likelihood = 0.5 * (s * square[:, None] / (1.0 + s * values[:, None]) - np.log1p(s * values[:, None]))
-            odds = np.array([group.log_odds for group in alike]) - math.log(SIZES)
-            found |= dict(zip(alike, odds[:, None] + likelihood.sum(axis=-1), strict=True))
-        return [found[group] for group in groups]
+            by_size = 1.0 + some.variances * values[:, None]
+            likelihood = 0.5 * (some.variances * square[:, None] / by_size - np.log(by_size))
+            found[some.numbers] = some.log_odds + likelihood.sum(axis=-1)
+        return found
 
     def evidence(self, posterior: Posterior, group: Group) -> FloatArray:
         """Return a group's evidence against the largest of three variances."""
@@ -103,6 +103,39 @@ class Climb:
         information, score = posterior.left(group)
         tempered = posterior.variance / variance
         return group.evidence(tempered * information, tempered * score)
+
+
+@dataclass(frozen=True, eq=False)
+class _Alike:
+    """Groups of one number of columns, w, one after another (g,)."""
+
+    groups: list[Group]
+    numbers: list[int]  # among all groups
+    places: NDArray[np.intp]  # (g, w)
+    square: tuple[NDArray[np.intp], NDArray[np.intp]]  # indices of each group's square (w, w) of a matrix
+    unit: FloatArray  # (g, w)
+    units: FloatArray  # (g, w, w)
+    variances: FloatArray  # (g, SIZES, 1): squares of the sizes
+    log_odds: FloatArray  # (g, 1): of one size
+    shares: FloatArray  # (g,)
+
+    @classmethod
+    def of(cls, every: Sequence[Group], width: int) -> "_Alike":
+        """Return those of some groups that have this number of columns."""
+        numbers = [number for number, group in enumerate(every) if len(group.unit) == width]
+        groups = [every[number] for number in numbers]
+        places, unit = np.array([group.one.places for group in groups]), np.stack([group.unit for group in groups])
+        return cls(
+            groups,
+            numbers,
+            places,
+            (places[:, :, None], places[:, None]),
+            unit,
+            unit[:, :, None] * unit[:, None],
+            np.stack([group.sizes for group in groups])[:, :, None] ** 2,
+            np.array([[group.log_odds] for group in groups]) - math.log(SIZES),
+            np.array([group.shares for group in groups]),
+        )
 
 
 def scatter_of(posterior: Posterior, group: Group) -> float:

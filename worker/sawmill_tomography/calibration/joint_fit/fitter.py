@@ -107,7 +107,7 @@ MODULE_TRIALS = 0.1
 FURTHER_HIDDEN, FURTHER_THAN_FOUND = 2, 4
 # Where no more is structured than the precision of the drawing leaves, an effect explains one of this number of shares
 # by chance: the sides of a drawing are each off as a whole.
-OF_DRAWING, EDGES = 30.0, 0.75
+OF_DRAWING = 30.0
 # The largest number of modules that are searched for in addition to the known ones.
 MOST_MODULES = 8
 
@@ -272,7 +272,7 @@ class JointFitter:
     @property
     def _within_drawing(self) -> bool:
         """Whether the precision of the drawing leaves all that is structured at the last step."""
-        return self.last[0].structured <= self.of_drawing
+        return self.last[0].structured <= self.last[3].of_drawing
 
     @property
     def _screening_step(self) -> int:
@@ -427,15 +427,14 @@ class JointFitter:
     def _linearised(self) -> tuple[ViewGrams, list[Column]]:
         """Compute the derivatives' inner products, without views' random effects, and the columns always fitted."""
         places = [one for one in (*self.fitted, *self.waiting) if _is_place(one)]
-        self.model = replace(self.model, of_cells=tuple(dict.fromkeys(chain.from_iterable(map(_terms, places)))))
+        of_cells = tuple(dict.fromkeys(chain.from_iterable(map(_terms, places))))
+        # A model that stays the same keeps what it has computed.
+        self.model = self.model if of_cells == self.model.of_cells else replace(self.model, of_cells=of_cells)
         grams = self._grams()
         if not self.model.view_gain and Adjustment.VIEW_GAIN not in self.without and views_differ(grams):
             self.model = self.model.with_view_gains(grams.weights)
             grams = self._grams()
         self.correlation = grams.correlation
-        # What a drawing that is off by its precision leaves, of each ray at two edges that it crosses at an angle.
-        off = EDGES * float(self.model.gain.mean()) * self.model.drawing.precision_mm
-        self.of_drawing = off * off * float(grams.weights[self.model.lengths > 0.0].sum())
         if self.left_out:
             fitted = [column for one in self.fitted for column in one.columns]
             self.poses, self.variance = likeliest_sizes(self.model, grams, [*self.base, *fitted])
@@ -562,7 +561,9 @@ class JointFitter:
 
     def _least_structured(self, system: System) -> float:
         """Return what is structured at least, whatever is fitted: the drawing is off by its precision."""
-        return max(UNTRUSTED * system.structured, STRUCTURES / OF_DRAWING * min(system.structured, self.of_drawing))
+        return max(
+            UNTRUSTED * system.structured, STRUCTURES / OF_DRAWING * min(system.structured, system.source.of_drawing)
+        )
 
     def _variance_on_detector(self, system: System, used: list[int]) -> float:
         """Return the variance against which modules are judged: of noise, or their share of the structure."""

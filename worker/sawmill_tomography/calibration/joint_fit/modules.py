@@ -105,6 +105,8 @@ def effect_of(module: DetectorModule, cell_mm: float) -> Effect:
 def with_modules(model: ScanModel, modules: Iterable[DetectorModule]) -> ScanModel:
     """Return the model with these modules only."""
     ordered = tuple(sorted(modules, key=lambda one: one.first_cell))
+    if ordered == model.data.cells.modules:
+        return model
     return replace(model, data=replace(model.data, cells=replace(model.data.cells, modules=ordered)))
 
 

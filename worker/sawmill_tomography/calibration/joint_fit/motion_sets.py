@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sawmill_tomography.calibration.joint_fit.climb import BETTER, Climb, scatter_of
 from sawmill_tomography.calibration.joint_fit.effects import DEFORMATION, Effect
@@ -242,15 +243,14 @@ class MotionSets:
             if not drawn.size:
                 continue
             own, there = np.zeros((drawn.size, len(posterior.used))), np.zeros(drawn.size, bool)
-            for group in self._averaged(posterior):
-                evidence = self._evidence_of_others(posterior, group)
-                weights = np.exp(np.array([0.0, *evidence]) - max(0.0, *evidence))
-                size = np.searchsorted(np.cumsum(weights / weights.sum()), rng.random(drawn.size)) - 1
-                there |= size >= 0
-                sizes = [case for case in range(len(evidence)) if (size == case).any()]
-                for case, (bias, root) in zip(sizes, self._moves(posterior, group, sizes), strict=True):
-                    here = size == case
-                    own[here] += bias + rng.standard_normal((int(here.sum()), root.shape[1])) @ root.T
+            groups = list(self._averaged(posterior))
+            evidence = np.column_stack([np.zeros(len(groups)), self._evidence_of_others(posterior, groups)])
+            weights = np.cumsum(np.exp(evidence - evidence.max(axis=1, keepdims=True)), axis=1)
+            at = rng.random((len(groups), drawn.size)) * weights[:, -1:]
+            for group, sums, which in zip(groups, weights, at, strict=True):
+                here = np.flatnonzero(which >= sums[0])
+                own[here] += self._errors_of(posterior, group, np.searchsorted(sums, which[here]) - 1, rng)
+                there[here] = True
             if posterior is first:
                 errors[drawn], real[drawn] = own, there
                 continue
@@ -274,31 +274,31 @@ class MotionSets:
                 yield group
         yield from (group for group in self._placed if group in posterior.sizes or group.one.trials < views)
 
-    def _evidence_of_others(self, posterior: Posterior, group: Group) -> list[float]:
-        """Return the evidence of each other size of a group: of 0 where it is fitted."""
-        evidence = self._climb.evidence(posterior, group)
-        fitted = posterior.sizes.get(group)
-        if fitted is not None:
-            return [-group.at(evidence, fitted)]
-        moves = is_motion(group.one) and any(is_motion(each.one) for each in posterior.sizes)
-        others: list[float] = (evidence + (math.log(UNSTEADY) if moves else 0.0)).tolist()
-        return others
+    def _evidence_of_others(self, posterior: Posterior, groups: Sequence[Group]) -> FloatArray:
+        """Return the evidence (groups, SIZES) of each other size of groups: of 0, the first, where one is fitted."""
+        evidence = self._climb.evidences(posterior, groups)
+        moves = any(is_motion(each.one) for each in posterior.sizes)
+        for number, group in enumerate(groups):
+            if group in posterior.sizes:
+                evidence[number] = -np.inf
+                evidence[number, 0] = -group.at(self._climb.evidence(posterior, group), posterior.sizes[group])
+            elif moves and is_motion(group.one):
+                evidence[number] += math.log(UNSTEADY)
+        return evidence
 
     @staticmethod
-    def _moves(posterior: Posterior, group: Group, others: Sequence[int]) -> Iterator[tuple[FloatArray, FloatArray]]:
-        """Yield bias and root of the covariance that other sizes of a group add to the fitted columns."""
-        if not others:
-            return
+    def _errors_of(
+        posterior: Posterior, group: Group, others: NDArray[np.intp], rng: np.random.Generator
+    ) -> FloatArray:
+        """Draw errors (draws, used) of the fitted columns where a group has other sizes, of these numbers (draws,)."""
         if group in posterior.sizes:
-            own = np.array([posterior.used.index(place) for place in group.one.places])
+            own = [posterior.used.index(place) for place in group.one.places]
             within = posterior.covariance[np.ix_(own, own)]
             bias = -posterior.covariance[:, own] @ np.linalg.pinv(within, hermitian=True) @ posterior.mean[own]
-            yield bias, np.zeros((len(bias), 1))
-            return
+            return np.asarray(np.broadcast_to(bias, (others.size, bias.size)))
         information, score = posterior.left(group)
-        moves = posterior.sensitivity[:, group.one.places] * group.unit
         values, vectors = np.linalg.eigh(information)
-        values, turned, along = np.maximum(values, 0.0), moves @ vectors, vectors.T @ score
-        for size in group.sizes[list(others)].tolist():
-            shrunk = size**2 / (1.0 + size**2 * values)
-            yield -turned @ (shrunk * along), turned * np.sqrt(shrunk)
+        variances = group.sizes[others, None] ** 2
+        shrunk = variances / (1.0 + variances * np.maximum(values, 0.0))
+        changes = np.sqrt(shrunk) * rng.standard_normal(shrunk.shape) - shrunk * (vectors.T @ score)
+        return np.asarray(changes @ (posterior.sensitivity[:, group.one.places] * group.unit @ vectors).T)

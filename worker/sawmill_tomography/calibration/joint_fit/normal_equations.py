@@ -32,6 +32,8 @@ from sawmill_tomography.statistics import robust_deviation
 KEPT = (*POSE, Term.GAIN, Term.OFFSET)
 # An eigenvalue of the views' random effects below this share of the largest is zero within rounding.
 SINGULAR = 1e-12
+# The drawing's precision changes the path of a ray by this multiple.
+EDGES = 0.75
 # At least this share of the structured residual remains: what a step explains is only known to first order.
 UNTRUSTED = 0.1
 # Densities of neighbouring patches are often alike. Other effects would explain that beside a prior of independent
@@ -139,7 +141,12 @@ class ViewGrams:
         count = views * (cells - 1)
         mean, square = (neighbours.sum(axis=0) / count).tolist()
         deviation = math.sqrt(max(square - mean * mean, 0.0))
-        self.structured = beyond_chance(mean, deviation, count) * count
+        # What a drawing that is off by its precision leaves, of each ray at two edges that it crosses at an angle. A scan
+        # of less noise may leave the steps of a drawing, which neighbouring cells need not share.
+        off = EDGES * float(model.gain.mean()) * model.drawing.precision_mm
+        self.of_drawing = off * off * float(self.weights[model.lengths > 0.0].sum())
+        shared = beyond_chance(mean, deviation, count) * count
+        self.structured = self.power if self.power <= self.of_drawing else shared
         self.correlation = mean * math.sqrt(count) / deviation if deviation > 0.0 else 0.0
 
     def _unbiased(self, residual: FloatArray) -> FloatArray:

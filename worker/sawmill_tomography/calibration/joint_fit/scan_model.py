@@ -21,7 +21,7 @@ from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.geometry.detector_shape import wave_shapes
 from sawmill_tomography.geometry.fit_parameters import FRAME, FitParameter
 from sawmill_tomography.geometry.geometry import TAU, FloatArray, SourceFrame
-from sawmill_tomography.phantoms.phantom import Phantom, Shape
+from sawmill_tomography.phantoms.phantom import Phantom, Polygon, Shape
 from sawmill_tomography.projection import analytic
 from sawmill_tomography.projection.analytic import DetectorCells
 from sawmill_tomography.sinograms.scattered_radiation import halo
@@ -203,9 +203,9 @@ class ScanModel:
     def patch_edges(self) -> tuple[FloatArray, NDArray[np.intp]]:
         """Edges (edges, 5) of all patches one after another, and where each begins and the last ends (patches + 1,)."""
         patches = wood_patches(self.drawing)
-        warped = iter(self._warped([shape for shapes in patches for shape in shapes]).shapes)
-        bodies = [replace(self.drawing, shapes=tuple(islice(warped, len(shapes)))) for shapes in patches]
-        return np.concatenate([body.edges for body in bodies]), np.cumsum([0, *(len(body.edges) for body in bodies)])
+        body = self._warped([shape for shapes in patches for shape in shapes])
+        corners = iter([len(shape.vertices_mm) for shape in body.shapes if isinstance(shape, Polygon)])
+        return body.edges, np.cumsum([0, *(sum(islice(corners, len(shapes))) for shapes in patches)])
 
     def _warped(self, shapes: Sequence[Shape], more: Term | None = None, by_mm: float = 0.0) -> Phantom:
         """Return a body of these shapes with the model's deformations, one of `WARPS` being larger by `by_mm`."""
