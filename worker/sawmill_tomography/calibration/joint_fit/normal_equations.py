@@ -141,8 +141,8 @@ class ViewGrams:
         count = views * (cells - 1)
         mean, square = (neighbours.sum(axis=0) / count).tolist()
         deviation = math.sqrt(max(square - mean * mean, 0.0))
-        # What a drawing that is off by its precision leaves, of each ray at two edges that it crosses at an angle. A scan
-        # of less noise may leave the steps of a drawing, which neighbouring cells need not share.
+        # What a drawing that is off by its precision leaves, of each ray at two edges that it crosses at an angle. In
+        # less noise, all that is left may be the steps of a drawing, which neighbouring cells need not share.
         off = EDGES * float(model.gain.mean()) * model.drawing.precision_mm
         self.of_drawing = off * off * float(self.weights[model.lengths > 0.0].sum())
         shared = beyond_chance(mean, deviation, count) * count
