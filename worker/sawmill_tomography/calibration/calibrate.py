@@ -87,7 +87,8 @@ def conclude(
     radius_mm = task.radius_mm(ranked[0].hypothesis.handedness, fit.position_mm)
     analysis = analyse_residual(joint, statistics, task.scanner, radius_mm)
     theta, twin = choose_theta(task.scanner, frame, task.bounds)
-    bars = error_bars(task.scanner, frame, theta, statistics, radius_mm, view_errors(joint, statistics))
+    of_views = view_errors(joint, statistics)
+    bars = error_bars(task.scanner, frame, theta, statistics, radius_mm, of_views, analysis.jumps)
     alternatives = alternatives_of(ranked, task.sinogram.size / bars.statistics.inflation)
     scale = scale_uncertainty(
         task.scanner, frame, task.phantom, bars.covariance.values, radius_mm, aspect_half=_aspect_half(task, joint)

@@ -34,9 +34,6 @@ MATTERS = 0.1
 # A larger creep or jump of the scanner, mm, does not pass. The last view, and the next log, are off by half of it from
 # the mean geometry that is reported; and a phantom that moves three times may look the same (test_unsteadiness.py).
 LARGEST_SCANNER_MOVE_MM = 0.4
-# Where something moved at two views or more, the rays' error may be larger than its bound by this factor: other motions
-# may explain the scan as well (test_unsteadiness.py).
-BY_JUMPS = 2.0
 # What no scanner of logs has, as wider cells than `WIDEST_CELL_MM`: a larger magnification, a detector further away
 # (mm). A wrong unit of the cells' distance, or binned pixels, leave the rays right and make all lengths on the detector
 # wrong.
@@ -198,7 +195,7 @@ def _effects(evidence: Evidence, limits: JudgementLimits) -> Iterator[Remark]:
     """Report effects that should not be there, effects that were found and not fitted, and what moved far or often."""
     if evidence.residual.cells_misplaced:
         return  # such cells resemble effects that are not there
-    jumps, may_be_mm = evidence.residual.jumps, BY_JUMPS * evidence.error_bars.predicted_ray_error.upper_95_mm
+    jumps, may_be_mm = evidence.residual.jumps, evidence.error_bars.predicted_ray_error.upper_95_mm
     if jumps > 1 and may_be_mm > limits.tolerance_mm:
         yield Remark(Degree.WATCH, CalibrationMessage.MOVED_OFTEN(times=jumps, may_be_mm=may_be_mm))
     for effect in evidence.residual.effects:

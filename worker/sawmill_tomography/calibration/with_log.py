@@ -61,7 +61,7 @@ def _ask_log(
 def _following(calibration: CalibrationOutcome, evidence: Evidence, witness: LogWitness) -> CalibrationOutcome:
     task, fit = calibration.task, _moved(evidence.fit, witness)
     theta, twin = choose_theta(task.scanner, fit.frame, task.bounds)
-    bars = _error_bars(calibration, evidence.error_bars, fit.frame, theta, witness)
+    bars = _error_bars(calibration, evidence, fit.frame, theta, witness)
     in_bounds = task.bounds is None or task.bounds.contain(theta)
     scale = scale_uncertainty(
         task.scanner,
@@ -87,8 +87,9 @@ def _moved(fit: Fit, witness: LogWitness) -> Fit:
 
 
 def _error_bars(
-    calibration: CalibrationOutcome, alone: ErrorBars, frame: SourceFrame, theta: Theta, witness: LogWitness
+    calibration: CalibrationOutcome, evidence: Evidence, frame: SourceFrame, theta: Theta, witness: LogWitness
 ) -> ErrorBars:
+    alone = evidence.error_bars
     statistics, before, values = alone.statistics, alone.covariance.values, witness.covariance
     kept, by_log = np.eye(len(statistics.ray_covariance)), np.zeros_like(statistics.ray_covariance)
     kept[FRAME, FRAME] = witness.kept
@@ -106,4 +107,4 @@ def _error_bars(
         parts={source: kept @ part @ kept.T for source, part in statistics.parts.items()} | {"log": by_log},
         mixture=motions,
     )
-    return error_bars(calibration.scanner, frame, theta, with_log, calibration.radius_mm)
+    return error_bars(calibration.scanner, frame, theta, with_log, calibration.radius_mm, jumps=evidence.residual.jumps)

@@ -38,6 +38,9 @@ SINGULAR = 1e-11
 SHARES = 400.0
 # An undetermined combination of parameters moves the rays when this much of it is R, SDD, u_c and tau.
 RAYS_SHARE = 1e-3
+# Where something moved at two views or more, other motions may explain the scan as well: the rays' error may be larger
+# by this factor (test_unsteadiness.py).
+BY_JUMPS = 2.0
 RAY_PARAMETERS = list(FitParameter)[RAYS]
 
 
@@ -255,10 +258,11 @@ def error_bars(
     statistics: ResidualStatistics,
     radius_mm: float,
     of_views: ViewErrors | None = None,
+    jumps: int = 0,
 ) -> ErrorBars:
     """Compute the error bars from the residual's statistics, for rays inside a disc of this radius.
 
-    `of_views` are the errors of views with poses of their own.
+    `of_views` are the errors of views with poses of their own; `jumps` is the number of views at which something moved.
     """
     predicted = predicted_ray_error(
         scanner,
@@ -270,5 +274,9 @@ def error_bars(
         further_mm=statistics.further_mm,
         of_views=of_views,
     )
+    if jumps > 1:
+        low, high = predicted.interval_95_mm
+        upper_mm = BY_JUMPS * predicted.upper_95_mm
+        predicted = replace(predicted, upper_95_mm=upper_mm, interval_95_mm=(low, BY_JUMPS * high))
     of_theta = theta_covariance(scanner, frame, theta, statistics.covariance.of_frame.values)
     return ErrorBars(statistics, of_theta, predicted)
