@@ -68,6 +68,10 @@ class FitPoint:
     within_drawing: bool  # the precision of the drawing leaves all that is structured
 
 
+def _moving(posterior: Posterior) -> set[Group]:
+    return {group for group in posterior.sizes if is_motion(group.one)}
+
+
 class MotionSets:
     """The sets of motions that a scan may show, at one point of the fit."""
 
@@ -82,8 +86,9 @@ class MotionSets:
         """A set that is likelier than the fitted one, if there is one."""
         weighed = self._climb.weighed
         best = max(self._explored, key=weighed)
-        own = set(best.sizes) == set(self.current.sizes)
-        return None if own or weighed(best) - weighed(self.current) <= BETTER else best
+        # The fit itself lets all that does not move join or go.
+        same = _moving(best) == _moving(self.current)
+        return None if same or weighed(best) - weighed(self.current) <= BETTER else best
 
     @cached_property
     def likely(self) -> list[tuple[Posterior, float]]:
