@@ -135,7 +135,9 @@ def _measured(task: CalibrationTask, start: RankedFit, angles_rad: FloatArray, o
         pace = float(np.polyfit(counted, measured, 1)[0])
         if abs(pace - 1.0) * len(taken) < LEAST_FACTOR:
             pace = 1.0
-        angles = first + pace * counted
+        before, angles = angles, first + pace * counted
+        if np.allclose(angles, before):
+            break
         data = replace(data, angles_rad=rotation.apply(angles))
         better = refine(phantom, data, fit.frame, position_mm=fit.position_mm, on_step=on_step)
         if better is None:
