@@ -13,7 +13,10 @@ from published_pipeline import BACKGROUND, pixel_scan
 from scanners import SCANNER
 from scans import TRUE_FRAME, simulated
 
+from sawmill_tomography.calibration.calibrate import calibrate
+from sawmill_tomography.calibration.task import CalibrationTask
 from sawmill_tomography.geometry.geometry import TAU, to_vector
+from sawmill_tomography.geometry.ray_error import ray_error
 from sawmill_tomography.phantoms.built_in import L_SHAPE
 
 ROOT = Path(__file__).parents[2]
@@ -99,3 +102,13 @@ def test_the_scan_that_stands_in_for_the_published_one_is_of_its_scanner_and_in_
     """The steps of its pixels make an RMS difference from exact rays of 0.034 mm, of a signal of 100 mm."""
     exact = simulated(L_SHAPE, noise=0.0, seed=0, angles=(np.arange(10) + 0.5) * TAU / 10) + BACKGROUND
     assert 0.01 < np.sqrt(np.mean((pixel_scan(10) - exact) ** 2)) < 0.1
+
+
+@pytest.mark.parametrize("views", [90, 20])
+def test_steps_of_pixels_without_noise_are_no_effects(views):
+    """Slips, wobbles, an encoder and gains of views were fitted to the steps, in thirty times the seconds."""
+    angles = (np.arange(views) + 0.5) * TAU / views
+    found = calibrate(CalibrationTask(SCANNER, L_SHAPE, pixel_scan(views), angles), seed=1)
+    assert (found.adjustments, found.judgement.verdict) == ((), "pass")
+    error = ray_error(SCANNER, TRUE_FRAME, found.frame, radius_mm=found.radius_mm).rms_mm
+    assert error < found.findings.error_bars.predicted_ray_error.upper_95_mm

@@ -18,6 +18,8 @@ SAME_ANGLE = math.radians(5.0)
 ITERATIONS = 60
 # Relative residuals below this are rounding.
 LEAST_RESIDUAL = 1e-12
+# Log-likelihood advantage over the next hypothesis below which the choice is not decisive.
+DECISIVE = 10.0
 
 
 class RankedFit(NamedTuple):
@@ -60,6 +62,11 @@ class Alternatives:
             return None
         best = self.hypotheses[0].relative_residual
         return self.independent_samples * math.log(max(relative_residual, LEAST_RESIDUAL) / max(best, LEAST_RESIDUAL))
+
+    def undecided(self, relative_residual: float) -> bool:
+        """Return whether the best fit's log-likelihood hardly exceeds a fit's with this relative residual."""
+        behind = self.log_likelihood_behind(relative_residual)
+        return behind is not None and behind < DECISIVE
 
 
 def fit_hypotheses(

@@ -6,7 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from sawmill_tomography.calibration.alternatives import RankedFit, alternatives_of, by_hypothesis, fit_hypotheses
+from sawmill_tomography.calibration.alternatives import (
+    Alternatives,
+    RankedFit,
+    alternatives_of,
+    by_hypothesis,
+    fit_hypotheses,
+)
 from sawmill_tomography.calibration.calibration import CalibrationOutcome, StageSeconds, choose_theta
 from sawmill_tomography.calibration.fit import Fit, OnStep, ignore_progress
 from sawmill_tomography.calibration.joint_fit.effects import DEFORMATION
@@ -21,7 +27,7 @@ from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, Term
 from sawmill_tomography.calibration.joint_fit.view_errors import view_errors
 from sawmill_tomography.calibration.judgement import Evidence, JudgementLimits, judge
 from sawmill_tomography.calibration.lost_views import shown_angles
-from sawmill_tomography.calibration.refusals import refuse_unfound
+from sawmill_tomography.calibration.refusals import CalibrationError, refuse_unfound
 from sawmill_tomography.calibration.scale import scale_uncertainty
 from sawmill_tomography.calibration.search.search import SearchCallback, SearchResult, search
 from sawmill_tomography.calibration.source_distance import with_theta
@@ -90,6 +96,7 @@ def conclude(
     of_views = view_errors(joint, statistics)
     bars = error_bars(task.scanner, frame, theta, statistics, radius_mm, of_views, analysis.jumps)
     alternatives = alternatives_of(ranked, task.sinogram.size / bars.statistics.inflation)
+    alternatives = _told_apart(alternatives, task, ranked, joint, on_step)
     scale = scale_uncertainty(
         task.scanner, frame, task.phantom, bars.covariance.values, radius_mm, aspect_half=_aspect_half(task, joint)
     )
@@ -110,6 +117,23 @@ def conclude(
         search=basins.report,
         timing=StageSeconds(ended - started, searched - started, refined - searched, ended - refined),
     )
+
+
+def _told_apart(
+    alternatives: Alternatives, task: CalibrationTask, ranked: Sequence[RankedFit], joint: JointFit, on_step: OnStep
+) -> Alternatives:
+    """Fit the second hypothesis with all effects too where the plain fits do not decide, and drop it if refused."""
+    first, *others = alternatives.hypotheses
+    if not others or not alternatives.undecided(others[0].relative_residual):
+        return alternatives
+    second = next(one for one in ranked if one.hypothesis != ranked[0].hypothesis)
+    try:
+        _, other, *_ = with_theta(task, _without_faults(_plain(task, second, on_step), task), on_step)
+    except CalibrationError:
+        return replace(alternatives, hypotheses=(first, *others[1:]))
+    ratio = float(np.linalg.norm(other.model.residual) / np.linalg.norm(joint.model.residual))
+    both = replace(others[0], relative_residual=ratio * first.relative_residual)
+    return replace(alternatives, hypotheses=(first, both, *others[1:]))
 
 
 def _aspect_half(task: CalibrationTask, joint: JointFit) -> float:

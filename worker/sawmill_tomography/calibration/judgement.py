@@ -22,8 +22,6 @@ from sawmill_vocabulary import WIDEST_CELL_MM, Agreement, CalibrationStatus, Mov
 from sawmill_vocabulary.calibration_messages import CalibrationMessage, ResidualMessage
 from sawmill_vocabulary.messages import Reason
 
-# Log-likelihood advantage over the next hypothesis below which the choice is not decisive.
-DECISIVE = 10.0
 # Structure in the residual is reported above this share of the sinogram. Unless the same cells are wrong in all views,
 # structure does not prevent a pass: its effect on the rays is in the error bars, and the error bars decide.
 REPORTED = 0.001
@@ -225,7 +223,7 @@ def _second_witness(evidence: Evidence, limits: JudgementLimits) -> Iterator[Rem
 def _other_hypothesis(evidence: Evidence, _: JudgementLimits) -> Iterator[Remark]:
     """Check whether another side or sense of rotation explains the scan as well."""
     hypotheses = evidence.alternatives.hypotheses
-    if len(hypotheses) > 1 and _undecided(evidence.alternatives, hypotheses[1].relative_residual):
+    if len(hypotheses) > 1 and evidence.alternatives.undecided(hypotheses[1].relative_residual):
         best, second = hypotheses[:2]
         yield Remark(
             Degree.WATCH,
@@ -242,7 +240,7 @@ def _other_hypothesis(evidence: Evidence, _: JudgementLimits) -> Iterator[Remark
 def _first_angle(evidence: Evidence, _: JudgementLimits) -> Iterator[Remark]:
     """Check whether another first angle explains the scan as well."""
     turned = evidence.alternatives.turned
-    if turned is not None and _undecided(evidence.alternatives, turned.relative_residual):
+    if turned is not None and evidence.alternatives.undecided(turned.relative_residual):
         yield Remark(
             Degree.WATCH, CalibrationMessage.AMBIGUOUS_TURN(by_deg=turned.by_deg), CalibrationStatus.AMBIGUOUS_TURN
         )
@@ -351,12 +349,6 @@ KINDS: tuple[Callable[[Evidence, JudgementLimits], Iterator[Remark]], ...] = (
     _column,
     _scale,
 )
-
-
-def _undecided(alternatives: Alternatives, relative_residual: float) -> bool:
-    """Return whether the best fit's log-likelihood hardly exceeds a fit's with this relative residual."""
-    behind = alternatives.log_likelihood_behind(relative_residual)
-    return behind is not None and behind < DECISIVE
 
 
 def _disagreement(witness: LogWitness) -> Reason:
