@@ -40,6 +40,10 @@ BUDGET_NOTES = (
     N_("Another distance of the cells changes SDD and u_c alone. Another r_S changes h_S alone, unless R was held."),
     N_("This is no accreditation and no certificate. Millimetres are traceable as far as the phantom's ruler is."),
 )
+STATED_CHANGE = N_(
+    "As stated, the phantom has grown by %(grown)s %% since it was measured, and lengths in the image are too small by "
+    "that. They are not corrected: measure the phantom again."
+)
 
 
 def moment(time: datetime) -> str:
@@ -195,7 +199,8 @@ def budget_rows(result: CalibrationResult) -> list[tuple[str, list[str]]]:
             values = (*of_rays, line.scale_percent, line.scale_share_percent)
             size, *cells = map(_three_digits, values)
             label = SOURCES[line.source].label if line.source in SOURCES else line.source
-            rows.append((label, [line.kind, f"{size} {line.unit}".removesuffix(" 1").strip(), *cells]))
+            change = "" if line.change is None else f"({line.change:+z.3g}) "
+            rows.append((label, [line.kind, f"{size} {change}{line.unit}".removesuffix(" 1").strip(), *cells]))
     return rows
 
 
@@ -204,7 +209,10 @@ def budget_notes(result: CalibrationResult, reader: Reader = ENGLISH) -> list[st
     error, scale = result.predicted_ray_error_mm, result.scale_uncertainty_percent
     values = {"rms": error.rms if error else None, "bound": error.upper_95 if error else None, "scale": scale}
     written = {name: reader.localised(_three_digits(value)) for name, value in values.items()}
-    return [reader.words(note) % written for note in BUDGET_NOTES]
+    stated = [line for line in result.uncertainty_budget if line.change is not None]
+    grown = sum((line.change or 0.0) * SOURCES[line.source].scale_by_unit for line in stated)
+    written["grown"] = reader.localised(f"{grown:+z.3g}")
+    return [reader.words(note) % written for note in (*BUDGET_NOTES, *([STATED_CHANGE] if stated else []))]
 
 
 def _three_digits(value: float | None) -> str:

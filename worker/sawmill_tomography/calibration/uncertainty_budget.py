@@ -1,12 +1,14 @@
 """The uncertainty budget of a calibration: what each source does to the rays and to the image's millimetres."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from sawmill_tomography.calibration.calibration import CalibrationOutcome
 from sawmill_tomography.calibration.judgement import Evidence
 from sawmill_tomography.geometry.fit_parameters import FRAME
 from sawmill_tomography.geometry.ray_error import predicted_ray_error, scale_deviation
-from sawmill_vocabulary.uncertainty import SOURCES, BudgetLine
+from sawmill_vocabulary.uncertainty import SOURCES, BudgetLine, States
 
 # RMS ray error, mm, standard uncertainty of the image's millimetres, per cent, and the source's own, or 0 without one.
 Contribution = tuple[float, float, float]
@@ -27,7 +29,10 @@ def uncertainty_budget(calibration: CalibrationOutcome) -> list[BudgetLine]:
     if held_mm:  # otherwise h_S takes another r_S up, as SDD and u_c always do with another distance of the cells
         found["source-distance"] = (rays / held_mm, scale / held_mm, 1.0)
     summed = np.square([each[:2] for source, each in found.items() if SOURCES[source].counted_in == "sum"]).sum(axis=0)
-    return [_line(source, found[source], summed.tolist()) for source in SOURCES if source in found]
+    lines = [_line(source, found[source], summed.tolist()) for source in SOURCES if source in found]
+    # Where a found module begins counts by likelihoods of chords that are not linear in the place.
+    modules: dict[str, States] = {"hidden-modules": "allowance"} if calibration.scanner.detector_modules else {}
+    return [replace(line, states=modules.get(line.source, line.states)) for line in lines]
 
 
 def _line(source: str, contribution: Contribution, summed: list[float]) -> BudgetLine:
@@ -38,7 +43,7 @@ def _line(source: str, contribution: Contribution, summed: list[float]) -> Budge
         for own, whole in zip((rays_mm, scale_percent), summed, strict=True)
     )
     of_rays, of_scale = (rays_mm, rays_mm / size if size else None, rays), (scale_percent, scale)
-    return BudgetLine(source, size or None, *of_rays, *of_scale, about.kind, about.counted_in, about.unit)
+    return BudgetLine(source, size or None, *of_rays, *of_scale, about.kind, about.counted_in, about.unit, about.states)
 
 
 def _found(calibration: CalibrationOutcome, evidence: Evidence) -> dict[str, Contribution]:
