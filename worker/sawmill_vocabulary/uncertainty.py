@@ -10,7 +10,7 @@ from sawmill_vocabulary.outlines import AsContract
 
 Kind = Literal["A", "B"]
 CountedIn = Literal["sum", "bound", "neither"]
-States = Literal["standard-deviation", "allowance", "limit"]
+States = Literal["standard-deviation", "allowance", "limit"]  # which is which: benchmarks/budget.py
 
 
 class UncertaintySource(NamedTuple):
@@ -22,21 +22,12 @@ class UncertaintySource(NamedTuple):
     label: str
     assumed: float = 0.0  # standard uncertainty where an answer has none
     scale_by_unit: float = 0.0  # sensitivity of the image's millimetres, per cent
-    states: States = "standard-deviation"
     highest: float = math.inf  # above this value the source changes nothing more
-
-
-class StatedChange(NamedTuple):
-    """A change of the phantom since it was measured, in the unit of its source."""
-
-    measured: float
-    scanned: float
-    uncertainty: float  # standard uncertainty of the difference
+    states: States = "standard-deviation"
 
 
 # Spruce and pine move across the grain by 0.25 % for each per cent of moisture (docs/do/phantom.md) up to the fibres'
-# saturation at 30 %, and by 0.003 % for each kelvin (Wood Handbook, FPL-GTR-282, 2021, chapter 4). Whether a line is a
-# standard deviation: benchmarks/budget.py.
+# saturation at 30 %, and by 0.003 % for each kelvin (Wood Handbook, FPL-GTR-282, 2021, chapter 4).
 SOURCES: Mapping[str, UncertaintySource] = {
     "noise": UncertaintySource("A", "sum", "1", N_("noise of the samples")),
     "scatter": UncertaintySource("A", "sum", "1", N_("fitted scatter: flat field, view angles, densities, effects")),
@@ -49,11 +40,9 @@ SOURCES: Mapping[str, UncertaintySource] = {
     "held-source-distance": UncertaintySource("B", "sum", "mm", N_("R held at the stated source distance")),
     "phantom-size": UncertaintySource("B", "sum", "%", N_("the phantom's size")),
     "other-motions": UncertaintySource("B", "bound", "", N_("other motions that explain the scan")),
-    "hidden-modules": UncertaintySource("B", "bound", "", N_("modules that the scan may hide")),
+    "hidden-modules": UncertaintySource("B", "bound", "", N_("modules that the scan may hide"), states="allowance"),
     "aspect": UncertaintySource("B", "bound", "%", N_("the phantom's aspect"), states="limit"),
-    "moisture": UncertaintySource(
-        "B", "neither", "%", N_("moisture since the phantom was measured"), 1.0, 0.25, highest=30.0
-    ),
+    "moisture": UncertaintySource("B", "neither", "%", N_("moisture since the phantom was measured"), 1.0, 0.25, 30.0),
     "temperature": UncertaintySource("B", "neither", "K", N_("temperature since the phantom was measured"), 5.0, 0.003),
     "cell-distance": UncertaintySource("B", "neither", "%", N_("distance of the cells"), 0.1),
     "source-distance": UncertaintySource("B", "neither", "mm", N_("stated source distance"), 1.0),
@@ -97,10 +86,5 @@ class BudgetLine(AsContract):
         metadata=_of("sum: variances add up. bound: in the 95 % bound alone. neither: in no other number.", "sum")
     )
     unit: str = field(metadata=_of("Unit of the source; 1: of a line integral.", "1"))
-    states: States = field(
-        default="standard-deviation",
-        metadata=_of("standard-deviation: of scans, to 15 %. allowance: further from it. limit: the most.", "limit"),
-    )
-    change: float | None = field(
-        default=None, metadata=_of("Stated change, in `unit`, not corrected; in the uncertainty. Null: none.", 3.0)
-    )
+    states: States = field(default="standard-deviation", metadata=_of("allowance: scans mostly scatter less.", "limit"))
+    change: float | None = field(default=None, metadata=_of("Stated change, a part of the uncertainty.", 3.0))

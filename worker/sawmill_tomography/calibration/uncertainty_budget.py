@@ -1,14 +1,12 @@
 """The uncertainty budget of a calibration: what each source does to the rays and to the image's millimetres."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from sawmill_tomography.calibration.calibration import CalibrationOutcome
 from sawmill_tomography.calibration.judgement import Evidence
 from sawmill_tomography.geometry.fit_parameters import FRAME
 from sawmill_tomography.geometry.ray_error import predicted_ray_error, scale_deviation
-from sawmill_vocabulary.uncertainty import SOURCES, BudgetLine, States
+from sawmill_vocabulary.uncertainty import SOURCES, BudgetLine
 
 # RMS ray error, mm, standard uncertainty of the image's millimetres, per cent, and the source's own, or 0 without one.
 Contribution = tuple[float, float, float]
@@ -24,24 +22,18 @@ def uncertainty_budget(calibration: CalibrationOutcome) -> list[BudgetLine]:
         return []
     found = {source: each for source, each in _found(calibration, calibration.findings).items() if any(each[:2])}
     rays, scale, held_mm = found.get("held-source-distance", (0.0, 0.0, 0.0))
-    assumed = {source: about for source, about in SOURCES.items() if about.assumed}
-    found |= {source: (0.0, one.assumed * one.scale_by_unit, one.assumed) for source, one in assumed.items()}
+    found |= {name: (0.0, one.assumed * one.scale_by_unit, one.assumed) for name, one in SOURCES.items() if one.assumed}
     if held_mm:  # otherwise h_S takes another r_S up, as SDD and u_c always do with another distance of the cells
         found["source-distance"] = (rays / held_mm, scale / held_mm, 1.0)
     summed = np.square([each[:2] for source, each in found.items() if SOURCES[source].counted_in == "sum"]).sum(axis=0)
-    lines = [_line(source, found[source], summed.tolist()) for source in SOURCES if source in found]
-    # Where a found module begins counts by likelihoods of chords that are not linear in the place.
-    modules: dict[str, States] = {"hidden-modules": "allowance"} if calibration.scanner.detector_modules else {}
-    return [replace(line, states=modules.get(line.source, line.states)) for line in lines]
+    return [_line(source, found[source], summed.tolist()) for source in SOURCES if source in found]
 
 
 def _line(source: str, contribution: Contribution, summed: list[float]) -> BudgetLine:
     """Make a line with its shares of the summed variances of the rays and of the millimetres."""
     (rays_mm, scale_percent, size), about = contribution, SOURCES[source]
-    rays, scale = (
-        100.0 * own * own / whole if whole and about.counted_in == "sum" else None
-        for own, whole in zip((rays_mm, scale_percent), summed, strict=True)
-    )
+    both = zip((rays_mm, scale_percent), summed, strict=True)
+    rays, scale = (100.0 * own * own / whole if whole and about.counted_in == "sum" else None for own, whole in both)
     of_rays, of_scale = (rays_mm, rays_mm / size if size else None, rays), (scale_percent, scale)
     return BudgetLine(source, size or None, *of_rays, *of_scale, about.kind, about.counted_in, about.unit, about.states)
 
@@ -52,10 +44,8 @@ def _found(calibration: CalibrationOutcome, evidence: Evidence) -> dict[str, Con
     statistics, predicted = evidence.error_bars.statistics, evidence.error_bars.predicted_ray_error
     poses, witness, scale = evidence.residual.poses, evidence.witness, evidence.scale
     covariances = dict(statistics.parts)
-    if statistics.mixture is not None:
-        covariances["other-motions"] = (
-            statistics.mixture.errors.T @ statistics.mixture.errors / statistics.mixture.draws
-        )
+    if (mixture := statistics.mixture) is not None:
+        covariances["other-motions"] = mixture.errors.T @ mixture.errors / mixture.draws
     both = {"cell-places": (statistics.further_mm, 0.0)}
     for source, part in covariances.items():
         of_scale = scale_deviation(scanner, frame, part[FRAME, FRAME], radius_mm=radius_mm)
