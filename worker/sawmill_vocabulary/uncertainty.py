@@ -39,7 +39,7 @@ SOURCES: Mapping[str, UncertaintySource] = {
     "log": UncertaintySource("A", "sum", "mm", N_("the log beside the phantom"), states="allowance"),
     "held-source-distance": UncertaintySource("B", "sum", "mm", N_("R held at the stated source distance")),
     "phantom-size": UncertaintySource("B", "sum", "%", N_("the phantom's size")),
-    "other-motions": UncertaintySource("B", "bound", "", N_("other motions that explain the scan")),
+    "other-motions": UncertaintySource("B", "bound", "", N_("other motions that explain the scan"), states="allowance"),
     "hidden-modules": UncertaintySource("B", "bound", "", N_("modules that the scan may hide"), states="allowance"),
     "aspect": UncertaintySource("B", "bound", "%", N_("the phantom's aspect"), states="limit"),
     "moisture": UncertaintySource("B", "neither", "%", N_("moisture since the phantom was measured"), 1.0, 0.25, 30.0),
