@@ -87,4 +87,4 @@ class BudgetLine(AsContract):
     )
     unit: str = field(metadata=_of("Unit of the source; 1: of a line integral.", "1"))
     states: States = field(default="standard-deviation", metadata=_of("allowance: scans mostly scatter less.", "limit"))
-    change: float | None = field(default=None, metadata=_of("Stated change, a part of the uncertainty.", 3.0))
+    change: float | None = field(default=None, metadata=_of("Stated change in `unit`, a part of the uncertainty.", 3.0))
