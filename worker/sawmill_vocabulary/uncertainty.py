@@ -35,7 +35,9 @@ SOURCES: Mapping[str, UncertaintySource] = {
     "misfit-between-views": UncertaintySource("A", "sum", "1", N_("misfit from view to view"), states="allowance"),
     "view-poses": UncertaintySource("A", "sum", "mm", N_("geometry and poses of the views together")),
     "effects-switched-off": UncertaintySource("A", "sum", "", N_("effects that are switched off")),
-    "cell-places": UncertaintySource("A", "sum", "mm", N_("places of cells beyond the fitted waves")),
+    "cell-places": UncertaintySource(
+        "A", "sum", "mm", N_("places of cells beyond the fitted waves"), states="allowance"
+    ),
     "log": UncertaintySource("A", "sum", "mm", N_("the log beside the phantom"), states="allowance"),
     "held-source-distance": UncertaintySource("B", "sum", "mm", N_("R held at the stated source distance")),
     "phantom-size": UncertaintySource("B", "sum", "%", N_("the phantom's size")),

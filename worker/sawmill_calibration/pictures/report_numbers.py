@@ -34,7 +34,7 @@ BUDGET_COLUMNS = (N_("kind"), N_("std. unc."), N_("mm / unit"), N_("rays, mm"), 
 BUDGET_PARTS = {"sum": N_("added up"), "bound": N_("in the bounds alone"), "neither": N_("assumed, in no other number")}
 BUDGET_NOTES = (
     N_("A: from the scan's own scatter. B: from other knowledge. Noise, scatter and misfit are line integrals."),
-    N_("*: no standard deviation, but an allowance, which scans seldom reach; of the aspect, the limit."),
+    N_("*: no standard deviation, but an allowance, mostly more than scans show; of the aspect, the limit."),
     N_("Rays: the sum is %(rms)s mm; the 95 %% bound is %(bound)s mm, by draws from all that counts."),
     N_("Scale: the 95 %% bound is %(scale)s %%, 1.96 times the sum, and the whole aspect."),
     N_("Another distance of the cells changes SDD and u_c alone. Another r_S changes h_S alone, unless R was held."),
