@@ -182,7 +182,7 @@ def compared(name: str, seed: int) -> tuple[float, float] | None:
         "held-source-distance": found.findings.source_distance.held,
         "cell-places": bool(found.scanner.detector_waves_mm),
     }
-    own = ("noise", source, *(["scatter"] if source == "other-motions" else []))
+    own = ("noise", source, {"other-motions": "scatter", "hidden-modules": "found-modules"}.get(source, ""))
     added = off(found, true) - off(before), line(found, *own) - line(before, "noise")
     return added if counts.get(source, True) else None
 

@@ -35,14 +35,13 @@ SOURCES: Mapping[str, UncertaintySource] = {
     "misfit-between-views": UncertaintySource("A", "sum", "1", N_("misfit from view to view"), states="allowance"),
     "view-poses": UncertaintySource("A", "sum", "mm", N_("geometry and poses of the views together")),
     "effects-switched-off": UncertaintySource("A", "sum", "", N_("effects that are switched off")),
-    "cell-places": UncertaintySource(
-        "A", "sum", "mm", N_("places of cells beyond the fitted waves"), states="allowance"
-    ),
+    "cell-places": UncertaintySource("A", "sum", "mm", N_("places of cells beyond fitted waves"), states="allowance"),
     "log": UncertaintySource("A", "sum", "mm", N_("the log beside the phantom"), states="allowance"),
     "held-source-distance": UncertaintySource("B", "sum", "mm", N_("R held at the stated source distance")),
     "phantom-size": UncertaintySource("B", "sum", "%", N_("the phantom's size")),
     "other-motions": UncertaintySource("B", "bound", "", N_("other motions that explain the scan"), states="allowance"),
-    "hidden-modules": UncertaintySource("B", "bound", "", N_("modules that the scan may hide"), states="allowance"),
+    "hidden-modules": UncertaintySource("B", "bound", "", N_("modules that the scan may hide")),
+    "found-modules": UncertaintySource("B", "bound", "", N_("modules' places, and hidden ones"), states="allowance"),
     "aspect": UncertaintySource("B", "bound", "%", N_("the phantom's aspect"), states="limit"),
     "moisture": UncertaintySource("B", "neither", "%", N_("moisture since the phantom was measured"), 1.0, 0.25, 30.0),
     "temperature": UncertaintySource("B", "neither", "K", N_("temperature since the phantom was measured"), 5.0, 0.003),

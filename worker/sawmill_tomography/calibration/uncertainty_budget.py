@@ -64,5 +64,5 @@ def _found(calibration: CalibrationOutcome, evidence: Evidence) -> dict[str, Con
     return {source: (*each, sizes.get(source, 0.0)) for source, each in both.items()} | {
         "phantom-size": (0.0, 100.0 * scale.size, 100.0 * scale.size),
         "aspect": (0.0, 100.0 * scale.aspect_half, 100.0 * scale.aspect_half),
-        "hidden-modules": (predicted.hidden_mm, 0.0, 0.0),
+        "found-modules" if scanner.detector_modules else "hidden-modules": (predicted.hidden_mm, 0.0, 0.0),
     }
