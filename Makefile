@@ -164,6 +164,11 @@ study-poses: install-dev
 study-contrast: install-dev
 	@$(BIN)/python benchmarks/contrast_loss.py $(OPTIONS)
 
+# Each line of the uncertainty budget, and the errors of scans with its disturbance alone; ten minutes. OPTIONS: --scans N,
+# --only LINE, --write.
+study-budget: install-dev
+	@$(BIN)/python benchmarks/budget.py $(OPTIONS)
+
 # Calibrations of scanners whose object is turned between passages; ten minutes. OPTIONS: --scans N, --first N.
 study-passages: install-dev
 	@$(BIN)/python benchmarks/passages.py $(OPTIONS)

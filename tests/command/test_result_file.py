@@ -1,6 +1,7 @@
 """Answers of a calibration as files: --calibration takes either of them, `sawmill report` makes one HTML page."""
 
 import json
+import math
 import struct
 
 import h5py
@@ -154,6 +155,31 @@ def test_the_budget_of_either_file_is_the_same(run, result_file, result_hdf5, an
     assert "no accreditation" in printed
     (tmp_path / "earlier.json").write_text(CalibrationFile.of(answer).model_dump_json())
     assert "no uncertainty budget" in run("budget", tmp_path / "earlier.json", code=1).stderr
+
+
+def test_stated_moisture_and_temperature_count_in_the_budget(run, result_file):
+    before = json.loads(result_file.read_text())["scale_uncertainty_percent"]
+    stated = ["--moisture-percent", "28", "34", "1", "--temperature-c", "20", "5", "0.5"]
+    answer = json.loads(run("budget", result_file, *stated, "--json").stdout)
+    lines = {line["source"]: line for line in answer["uncertainty_budget"]}
+    # Above 30 % moisture changes nothing more.
+    assert lines["moisture"]["change"] == 2.0
+    assert lines["moisture"]["scale_percent"] == pytest.approx(0.25 * math.hypot(2.0, 1.0))
+    assert lines["temperature"]["scale_percent"] == pytest.approx(0.003 * math.hypot(15.0, 0.5))
+    summed = [line for line in lines.values() if line["counted_in"] == "sum"]
+    assert {"moisture", "temperature", "phantom-size"} <= {line["source"] for line in summed}
+    assert sum(line["scale_share_percent"] for line in summed) == pytest.approx(100.0)
+    bound = math.hypot(before, *(1.96 * lines[name]["scale_percent"] for name in ("moisture", "temperature")))
+    printed = " ".join(run("budget", result_file, *stated).stdout.split())
+    assert f"the 95 % bound is {bound:.3g} %, 1.96 times the sum" in printed
+    assert "The phantom has grown by +0.455 %" in printed
+    assert "has grown" not in run("budget", result_file).stdout
+
+
+@pytest.mark.parametrize("stated", [("9", "12", "-1"), ("9", "nan", "1")])
+def test_a_change_that_is_none_is_wrong_use(run, result_file, stated):
+    printed = " ".join(run("budget", result_file, "--moisture-percent", *stated, code=2).stderr.split())
+    assert "must be three finite numbers" in printed.replace(" │ │ ", " ")
 
 
 @pytest.mark.parametrize("beside", [{}, {"scan_id": "monday", "created_at": "2026-11-22T16:44:00+00:00"}])

@@ -179,8 +179,8 @@ def test_a_scanner_that_moved_is_no_reason_to_accept_at_once():
 
 BUDGET = [
     BudgetLine("noise", 0.5, 0.03, 0.06, 36.0, 0.03, 100.0, "A", "sum", "1"),
-    BudgetLine("moisture", 0.5, 0.0, 0.0, None, 0.125, None, "B", "neither", "%"),
-    BudgetLine("of a later version", None, 0.1, None, None, 0.0, None, "B", "bound", ""),
+    BudgetLine("moisture", 0.5, 0.0, 0.0, None, 0.125, None, "B", "neither", "%", change=-0.4),
+    BudgetLine("of a later version", None, 0.1, None, None, 0.0, None, "B", "bound", "", "allowance"),
 ]
 
 
@@ -188,8 +188,9 @@ def test_the_third_part_has_the_uncertainty_budget_and_what_it_is_not():
     shown, html = page(answer(uncertainty_budget=BUDGET))
     assert html.count("<article") == 3
     assert "noise of the samples A 0.5 0.06 0.03 36 0.03 100" in shown.text
-    assert "moisture since the phantom was measured B 0.5 % 0 0 0.125" in shown.text
-    assert "of a later version B 0.1 0" in shown.text
+    assert "moisture since the phantom was measured B 0.5 (-0.4) % 0 0 0.125" in shown.text
+    assert "of a later version B * 0.1 0" in shown.text
+    assert "The phantom has grown by -0.1 %: lengths" in shown.text
     assert "the sum is 0.02 mm; the 95 % bound is 0.04 mm, by draws" in shown.text
     assert "The phantom's ruler: x 99.8 ± 0.05 mm (2026-11-20)" in shown.text
     words = {"noise of the samples": "kohina"}

@@ -15,7 +15,7 @@ from sawmill_tomography.geometry.ray_error import predicted_ray_error, ray_error
 from sawmill_tomography.phantoms.built_in import L_SHAPE
 from sawmill_tomography.projection import analytic
 from sawmill_tomography.projection.analytic import DetectorCells
-from sawmill_vocabulary import Adjustment, Disc, Handedness, Rotation
+from sawmill_vocabulary import Adjustment, DetectorModule, Disc, Handedness, Rotation
 
 NOISE_MM, SCANNER, FRAME = 2.0, Scanner(859.46, 256, 4.5), SourceFrame(0.3, 880.0, 1600.0, -30.0, -0.08)
 
@@ -77,6 +77,17 @@ def test_where_r_is_held_the_stated_source_distance_moves_the_rays_as_its_line_s
     held, farther = (calibrated(source_to_cor_mm=r_s) for r_s in (882.0, 883.0))
     moved_mm = ray_error(SCANNER, held.frame, farther.frame).rms_mm
     assert lines_of(held)["source-distance"].rays_mm == pytest.approx(moved_mm, rel=0.15)
+
+
+@pytest.mark.slow
+def test_what_modules_hide_is_a_standard_deviation_only_where_the_detector_has_none():
+    """Where modules are found, the line is several times the scatter of scans (benchmarks/results/budget.json)."""
+    flat, divided = (
+        lines_of(calibrated(detector_modules=modules)) for modules in ((), (DetectorModule(140, 0.0, 0.0),))
+    )
+    assert flat["hidden-modules"].states == "standard-deviation"
+    assert "hidden-modules" not in divided
+    assert divided["found-modules"].states == "allowance"
 
 
 @pytest.mark.nightly

@@ -34,12 +34,13 @@ BUDGET_COLUMNS = (N_("kind"), N_("std. unc."), N_("mm / unit"), N_("rays, mm"), 
 BUDGET_PARTS = {"sum": N_("added up"), "bound": N_("in the bounds alone"), "neither": N_("assumed, in no other number")}
 BUDGET_NOTES = (
     N_("A: from the scan's own scatter. B: from other knowledge. Noise, scatter and misfit are line integrals."),
-    N_("Misfit and the log are allowances for what the model leaves: repeated scans scatter less than these lines."),
+    N_("*: no standard deviation, but an allowance, mostly more than scans show; of the aspect, the limit."),
     N_("Rays: the sum is %(rms)s mm; the 95 %% bound is %(bound)s mm, by draws from all that counts."),
     N_("Scale: the 95 %% bound is %(scale)s %%, 1.96 times the sum, and the whole aspect."),
     N_("Another distance of the cells changes SDD and u_c alone. Another r_S changes h_S alone, unless R was held."),
     N_("This is no accreditation and no certificate. Millimetres are traceable as far as the phantom's ruler is."),
 )
+GROWN = N_("The phantom has grown by %(grown)s %%: lengths in the image are too small by that. Measure it again.")
 
 
 def moment(time: datetime) -> str:
@@ -192,10 +193,11 @@ def budget_rows(result: CalibrationResult) -> list[tuple[str, list[str]]]:
         rows.append((title, []))
         for line in (line for line in result.uncertainty_budget if line.counted_in == counted):
             of_rays = (line.standard_uncertainty, line.rays_mm_per_unit, line.rays_mm, line.rays_share_percent)
-            values = (*of_rays, line.scale_percent, line.scale_share_percent)
-            size, *cells = map(_three_digits, values)
+            size, *cells = map(_three_digits, (*of_rays, line.scale_percent, line.scale_share_percent))
             label = SOURCES[line.source].label if line.source in SOURCES else line.source
-            rows.append((label, [line.kind, f"{size} {line.unit}".removesuffix(" 1").strip(), *cells]))
+            kind = line.kind if line.states == "standard-deviation" else f"{line.kind} *"
+            unit = line.unit if line.change is None else f"({line.change:+z.3g}) {line.unit}"
+            rows.append((label, [kind, f"{size} {unit}".removesuffix(" 1").strip(), *cells]))
     return rows
 
 
@@ -204,7 +206,10 @@ def budget_notes(result: CalibrationResult, reader: Reader = ENGLISH) -> list[st
     error, scale = result.predicted_ray_error_mm, result.scale_uncertainty_percent
     values = {"rms": error.rms if error else None, "bound": error.upper_95 if error else None, "scale": scale}
     written = {name: reader.localised(_three_digits(value)) for name, value in values.items()}
-    return [reader.words(note) % written for note in BUDGET_NOTES]
+    changed = [line for line in result.uncertainty_budget if line.change is not None]
+    grown = [SOURCES[line.source].scale_by_unit * (line.change or 0.0) for line in changed]
+    written["grown"] = reader.localised(f"{sum(grown):+z.3g}")
+    return [reader.words(note) % written for note in (*BUDGET_NOTES, *([GROWN] if grown else []))]
 
 
 def _three_digits(value: float | None) -> str:

@@ -22,8 +22,7 @@ def uncertainty_budget(calibration: CalibrationOutcome) -> list[BudgetLine]:
         return []
     found = {source: each for source, each in _found(calibration, calibration.findings).items() if any(each[:2])}
     rays, scale, held_mm = found.get("held-source-distance", (0.0, 0.0, 0.0))
-    assumed = {source: about for source, about in SOURCES.items() if about.assumed}
-    found |= {source: (0.0, one.assumed * one.scale_by_unit, one.assumed) for source, one in assumed.items()}
+    found |= {name: (0.0, one.assumed * one.scale_by_unit, one.assumed) for name, one in SOURCES.items() if one.assumed}
     if held_mm:  # otherwise h_S takes another r_S up, as SDD and u_c always do with another distance of the cells
         found["source-distance"] = (rays / held_mm, scale / held_mm, 1.0)
     summed = np.square([each[:2] for source, each in found.items() if SOURCES[source].counted_in == "sum"]).sum(axis=0)
@@ -33,12 +32,10 @@ def uncertainty_budget(calibration: CalibrationOutcome) -> list[BudgetLine]:
 def _line(source: str, contribution: Contribution, summed: list[float]) -> BudgetLine:
     """Make a line with its shares of the summed variances of the rays and of the millimetres."""
     (rays_mm, scale_percent, size), about = contribution, SOURCES[source]
-    rays, scale = (
-        100.0 * own * own / whole if whole and about.counted_in == "sum" else None
-        for own, whole in zip((rays_mm, scale_percent), summed, strict=True)
-    )
+    both = zip((rays_mm, scale_percent), summed, strict=True)
+    rays, scale = (100.0 * own * own / whole if whole and about.counted_in == "sum" else None for own, whole in both)
     of_rays, of_scale = (rays_mm, rays_mm / size if size else None, rays), (scale_percent, scale)
-    return BudgetLine(source, size or None, *of_rays, *of_scale, about.kind, about.counted_in, about.unit)
+    return BudgetLine(source, size or None, *of_rays, *of_scale, about.kind, about.counted_in, about.unit, about.states)
 
 
 def _found(calibration: CalibrationOutcome, evidence: Evidence) -> dict[str, Contribution]:
@@ -47,10 +44,8 @@ def _found(calibration: CalibrationOutcome, evidence: Evidence) -> dict[str, Con
     statistics, predicted = evidence.error_bars.statistics, evidence.error_bars.predicted_ray_error
     poses, witness, scale = evidence.residual.poses, evidence.witness, evidence.scale
     covariances = dict(statistics.parts)
-    if statistics.mixture is not None:
-        covariances["other-motions"] = (
-            statistics.mixture.errors.T @ statistics.mixture.errors / statistics.mixture.draws
-        )
+    if (mixture := statistics.mixture) is not None:
+        covariances["other-motions"] = mixture.errors.T @ mixture.errors / mixture.draws
     both = {"cell-places": (statistics.further_mm, 0.0)}
     for source, part in covariances.items():
         of_scale = scale_deviation(scanner, frame, part[FRAME, FRAME], radius_mm=radius_mm)
@@ -69,5 +64,5 @@ def _found(calibration: CalibrationOutcome, evidence: Evidence) -> dict[str, Con
     return {source: (*each, sizes.get(source, 0.0)) for source, each in both.items()} | {
         "phantom-size": (0.0, 100.0 * scale.size, 100.0 * scale.size),
         "aspect": (0.0, 100.0 * scale.aspect_half, 100.0 * scale.aspect_half),
-        "hidden-modules": (predicted.hidden_mm, 0.0, 0.0),
+        "found-modules" if scanner.detector_modules else "hidden-modules": (predicted.hidden_mm, 0.0, 0.0),
     }
