@@ -172,10 +172,7 @@ def compared(name: str, seed: int) -> tuple[float, float] | None:
         codes = ({code for each in found.adjustments for code in each.codes} for found in (one, other))
         stated = 0.5 * (line(one, source) + line(other, source))
         return (0.25 * off(one, other.scanner, other.frame), stated) if next(codes) == next(codes) else None
-    try:
-        found, true = disturbed(source, seed)
-    except ZeroDivisionError:  # the fit may try a module before the first cell
-        return None
+    found, true = disturbed(source, seed)
     shown = bool(found.scanner.detector_modules) is name.endswith("some shown")
     counts = {
         "hidden-modules": shown and found.judgement.rays_verdict == "pass",

@@ -12,7 +12,7 @@ from sawmill_tomography.calibration.calibrate import calibrate
 from sawmill_tomography.calibration.task import CalibrationTask
 from sawmill_tomography.drift.detector_fit import detector_fit
 from sawmill_tomography.geometry.detector_shape import FlatDetector, cell_points, flat_borders_mm
-from sawmill_tomography.geometry.geometry import FanBeamGeometry, cell_centres_mm
+from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, SourceFrame, cell_centres_mm
 from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.geometry.ray_error import ray_error
 from sawmill_tomography.phantoms.built_in import L_SHAPE
@@ -22,7 +22,7 @@ from sawmill_tomography.projection.analytic import DetectorCells
 from sawmill_tomography.projection.projector import Projector
 from sawmill_tomography.reconstruction.fbp import fbp
 from sawmill_tomography.reconstruction.tikhonov import tikhonov
-from sawmill_vocabulary import Adjustment, DetectorModule, GeometryError, Polygon, Rotation, Scanner
+from sawmill_vocabulary import Adjustment, DetectorModule, GeometryError, Handedness, Polygon, Rotation, Scanner
 
 CELLS, PITCH_MM, R_S = 768, 1.5, 859.46
 FOUR = (DetectorModule(192, 0.75, 0.01), DetectorModule(384, 1.5, -0.02), DetectorModule(576, -0.3, 0.015))
@@ -222,3 +222,16 @@ def test_the_curved_shadow_of_a_log_is_continued_across_gaps():
     # Beside the edges, where a shadow is too steep for any polynomial.
     assert flat.across_gaps[expected > 100.0].sum() >= 3
     assert errors[expected > 100.0].max() < 1e-3
+
+
+def test_a_found_module_may_not_begin_before_the_first_cell():
+    """The fit tried it there, and ended in a division by zero."""
+    scanner, frame = Scanner(859.46, 256, 4.5), SourceFrame(0.3, 880.0, 1600.0, -30.0, -0.08)
+    modules = (DetectorModule(55, 0.22878906514193129, 0.0), DetectorModule(212, 0.0, 0.0020046314814691104))
+    angles = np.linspace(0.0, TAU, 180, endpoint=False)
+    cells = DetectorCells.of(replace(scanner, detector_modules=modules))
+    noise = np.random.default_rng([110, 78]).standard_normal((180, 256))
+    lines = analytic.project(L_SHAPE, cells, frame, angles) + noise
+    sides = {"handedness": Handedness.AS_DRAWN, "rotation": Rotation.AS_GIVEN}
+    found = calibrate(CalibrationTask(scanner, L_SHAPE, lines, angles, **sides))
+    assert 0 < min(module.first_cell for module in found.scanner.detector_modules) < 100

@@ -207,9 +207,9 @@ class ModuleSearch:
         left = self._without(module)._left()  # noqa: SLF001 - its own class
         gap, kink, power = left.best()
         possible = (np.abs(gap) <= LARGEST_GAP_CELLS * self._width_mm) & (np.abs(kink) <= LARGEST_KINK_RAD)
-        power = np.where(left.seen & possible, power, 0.0)
-        likelihood = np.exp((power - power.max()) / (2.0 * variance))
-        likelihood /= likelihood.sum()
+        likelihood, able = np.zeros(power.size), np.flatnonzero(left.seen & possible)
+        likelihood[able] = np.exp((power[able] - power[able].max(initial=0.0)) / (2.0 * variance))
+        likelihood /= max(likelihood.sum(), 1.0)
         known = np.array(list(sizes.values()))
         removed = np.zeros(len(self._terms))
         removed[own] = -known
@@ -244,7 +244,7 @@ class ModuleSearch:
             -module.gap_mm,
             -module.kink_rad,
         )
-        for other in range(max(cell - REACH, 0), min(cell + REACH + 1, self._u.size)):
+        for other in range(max(cell - REACH, 1), min(cell + REACH + 1, self._u.size)):
             gap_mm = module.gap_mm - module.kink_rad * (self._border[other] - self._border[cell]) * self._turn[cell]
             yield HiddenModule(other, float(gap_mm), module.kink_rad, bias, np.ones(1), np.ones(1))
 
