@@ -122,7 +122,6 @@ class Reason(str):
         return reason
 
     def __getnewargs__(self) -> tuple[Any, ...]:
-        """Return the arguments for a copy."""
         return self.message, self.values, self.parts
 
     def in_words(self, reader: Reader = ENGLISH) -> Sentences:

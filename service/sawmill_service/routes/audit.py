@@ -1,6 +1,5 @@
 """/v1/audit."""
 
-from collections.abc import Iterator
 from typing import Annotated
 
 from fastapi import Query, Request, Response
@@ -42,9 +41,5 @@ def get_audit_file(request: Request, audit: TheAudit) -> Response:
     tag = 'W/"{}-{}"'.format(*audit.extent())
     if held := check_conditions(request.headers, tag):
         return held
-    return JsonLines(_lines(audit), headers={"Content-Disposition": 'attachment; filename="audit.jsonl"', "ETag": tag})
-
-
-def _lines(audit: TheAudit) -> Iterator[str]:
-    for entry in audit.all():
-        yield entry.model_dump_json() + "\n"
+    lines = (entry.model_dump_json() + "\n" for entry in audit.all())
+    return JsonLines(lines, headers={"Content-Disposition": 'attachment; filename="audit.jsonl"', "ETag": tag})

@@ -8,33 +8,23 @@ from pydantic import Field
 
 from sawmill_contracts.inspections import DECLARATION, Inspection, InspectionOptions
 from sawmill_platform.contracts.base import Identifier, Name
-from sawmill_platform.contracts.given import Given
-from sawmill_platform.contracts.jobs import Priority
 from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheInspections, ThePlaces, TheSettings, TheWake
 from sawmill_service.http.document.described_answers import OF_QUEUE, OF_UPLOAD_ID, refuses, refuses_upload
 from sawmill_service.http.document.openapi_document import trying, trying_file
 from sawmill_service.http.repeats import TheRepeatableWithFile
-from sawmill_service.http.responses.answers import RequestPriority, accept
+from sawmill_service.http.responses.answers import accept
 from sawmill_service.http.route_rules import Router
 from sawmill_service.routes.asked import linked
-from sawmill_service.uploads import InspectionId, TheReception, UploadId
+from sawmill_service.uploads import FileQuery, TheReception
 
 router = Router(prefix="/v1/inspections", tags=["inspections"])
 
 
-class InspectionUpload(Given, InspectionOptions):
+class InspectionUpload(FileQuery, InspectionOptions):
     """Query of the upload of a file."""
 
     name: Name = Field("file", description="Name of the file for people.", examples=["mill.h5"])
-    priority: RequestPriority = Priority.INTERACTIVE
-    inspection_id: InspectionId = None
-    upload_id: UploadId = None
-
-    @property
-    def sends_file(self) -> bool:
-        """True if the file is in the body."""
-        return self.inspection_id is None and self.upload_id is None
 
     @property
     def options(self) -> InspectionOptions:

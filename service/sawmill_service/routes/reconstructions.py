@@ -336,7 +336,6 @@ def window_to_draw(query: WindowQuery, usual: Window) -> Window:
 
 
 def _tiles(query: MosaicQuery, available: int) -> Sequence[int]:
-    """Return the slices of a mosaic."""
     if query.slices is None:
         from sawmill_calibration.pictures.log_pictures import spread
 

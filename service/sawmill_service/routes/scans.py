@@ -9,7 +9,6 @@ from pydantic import Field
 from sawmill_contracts.scans import Scan, ScanShape, ScanSpec, ScanState
 from sawmill_platform.contracts.base import LARGEST_NUMBER, Identifier, Page
 from sawmill_platform.contracts.given import Given
-from sawmill_platform.contracts.jobs import Priority
 from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheFiles, TheScans, TheSettings, TheWake
 from sawmill_service.drawing import BYTES_PER_VALUE, ready_scan, scan_thumbnail
@@ -24,11 +23,11 @@ from sawmill_service.http.document.described_answers import (
 )
 from sawmill_service.http.document.openapi_document import trying, trying_file
 from sawmill_service.http.repeats import TheRepeatableWithFile
-from sawmill_service.http.responses.answers import Dated, Png, RequestPriority, accept
+from sawmill_service.http.responses.answers import Dated, Png, accept
 from sawmill_service.http.responses.drawn import kept_picture, picture
 from sawmill_service.http.responses.waiting import TheWaiting
 from sawmill_service.http.route_rules import Router
-from sawmill_service.uploads import InspectionId, TheReception, UploadId
+from sawmill_service.uploads import FileQuery, TheReception
 
 router = Router(prefix="/v1/scans", tags=["scans"], reading=Scope.READ)
 
@@ -40,17 +39,8 @@ class ScanFilter(Dated):
     state: ScanState | None = None
 
 
-class ScanUpload(Given, ScanSpec):
+class ScanUpload(FileQuery, ScanSpec):
     """Description of a scan that is sent with its file or the id of an earlier one, and the priority of reading."""
-
-    priority: RequestPriority = Priority.INTERACTIVE
-    inspection_id: InspectionId = None
-    upload_id: UploadId = None
-
-    @property
-    def sends_file(self) -> bool:
-        """True if the file is in the body."""
-        return self.inspection_id is None and self.upload_id is None
 
     @property
     def spec(self) -> ScanSpec:

@@ -63,7 +63,6 @@ class _Localised(Formatter):
         self._inner.set_axis(axis)
 
     def __call__(self, value: float, position: int | None = None) -> str:
-        """Write one value."""
         return self._reader.localised(self._inner(value, position))
 
     def format_ticks(self, values: Any) -> list[str]:  # noqa: ANN401 - as matplotlib has it

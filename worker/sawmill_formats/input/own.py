@@ -119,7 +119,8 @@ def read_calibration_arrays(path: Path) -> dict[str, NDArray[Any]] | None:
         `dataset-missing` where an array is missing; the file is damaged, or an array is too large.
     """
     with library_errors_translated("HDF5"), open_hdf5(path) as file:
-        arrays = {name: values for name in (*NEEDED, *OF_A_LOG) if (values := _array(file, name)) is not None}
+        datasets = {name: numbers(file, f"{ARRAYS}/{name}", ARRAY) for name in (*NEEDED, *OF_A_LOG)}
+        arrays = {name: read_values(dataset) for name, dataset in datasets.items() if dataset is not None}
         texts = {name: read_text(file, f"{ARRAYS}/{name}") for name in TEXTS}
     if not arrays:
         return None
@@ -132,8 +133,3 @@ def read_time_of_writing(path: Path) -> str | None:
     """Read when the file was written, RFC 3339; None where the file does not tell."""
     with library_errors_translated("HDF5"), open_hdf5(path) as file:
         return read_text(file, WRITTEN_AT)
-
-
-def _array(file: h5py.File, name: str) -> NDArray[Any] | None:
-    dataset = numbers(file, f"{ARRAYS}/{name}", ARRAY)
-    return None if dataset is None else read_values(dataset)

@@ -127,7 +127,11 @@ def new_reconstruction(
     with whole_hdf5(path) as file:
         entry = new_entry(file, layout.DEFINITION)
         entry["title"] = "Attenuation of a log, in slices {} x {} x {}".format(*shape)
-        x_mm, y_mm = (_centres_mm(size, pixel_mm) + middle for size, middle in zip(shape[1:], centre_mm, strict=True))
+        # Pixel centres at -half + (i + 1/2) h: docs/look-up/conventions.md#axes.
+        x_mm, y_mm = (
+            middle + (np.arange(size, dtype=np.float64) + 0.5 - size / 2) * pixel_mm
+            for size, middle in zip(shape[1:], centre_mm, strict=True)
+        )
         along = np.arange(shape[0], dtype=np.float64)
         if row_pitch_mm is not None:
             along = first_slice_mm + along * row_pitch_mm
@@ -204,11 +208,6 @@ def _new_side_views(file: h5py.File) -> list[h5py.Dataset]:
             data.attrs[name] = volume["data"].attrs[name]
         datasets.append(data)
     return datasets
-
-
-def _centres_mm(count: int, spacing_mm: float) -> NDArray[np.float64]:
-    # Pixel centres at -half + (i + 1/2) h: docs/look-up/conventions.md#axes.
-    return (np.arange(count, dtype=np.float64) + 0.5 - count / 2) * spacing_mm
 
 
 _GROUP, _POINTS = "VTKHDF", "VTKHDF/PointData"

@@ -18,7 +18,6 @@ class RegisteredWord(str):  # noqa: SLOT000 - subclasses have attributes
     _words: ClassVar[dict[str, Any]]
 
     def __init_subclass__(cls) -> None:
-        """Begin an empty set."""
         cls._words = {}
 
     @classmethod
@@ -49,7 +48,6 @@ class RegisteredWord(str):  # noqa: SLOT000 - subclasses have attributes
         return self
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
-        """Return the word itself: words are compared by identity."""
         return self
 
     @classmethod

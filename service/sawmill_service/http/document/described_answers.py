@@ -65,7 +65,12 @@ def list_refusals(method: str, rule: Rule, operation: dict[str, Any]) -> None:
     responses = operation["responses"]
     own = {code for response in responses.values() for code in response.pop(CODES_KEY, ())}
     for status, codes in sorted(_by_status({*own, *_by_shape(method, rule, operation)}).items()):
-        responses[str(status)] = responses.get(str(status), {}) | _refusal(status, codes)
+        listed = sorted(codes)
+        responses[str(status)] = responses.get(str(status), {}) | {
+            "description": f"{HTTPStatus(status).phrase}: {', '.join(f'`{code}`' for code in listed)}.",
+            CODES_KEY: listed,
+            "content": {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}},
+        }
 
 
 def _by_shape(method: str, rule: Rule, operation: dict[str, Any]) -> Iterable[str]:
@@ -86,15 +91,6 @@ def _by_status(codes: Iterable[str]) -> dict[int, set[str]]:
             raise KeyError(f"{code} is a failure of jobs, and no answer's")
         by_status.setdefault(status, set()).add(code)
     return by_status
-
-
-def _refusal(status: int, codes: Iterable[str]) -> dict[str, Any]:
-    listed = sorted(codes)
-    return {
-        "description": f"{HTTPStatus(status).phrase}: {', '.join(f'`{code}`' for code in listed)}.",
-        CODES_KEY: listed,
-        "content": {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}},
-    }
 
 
 BINARY = {"type": "string", "format": "binary"}

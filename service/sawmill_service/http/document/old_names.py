@@ -56,7 +56,6 @@ class OldRoute:
         log.warning("out-of-use", routes={str(self): self.mark.gone_in}, key_id=caller.key_id)
 
     def __str__(self) -> str:
-        """Return the method and the path."""
         return f"{self.method} {self.path}"
 
 

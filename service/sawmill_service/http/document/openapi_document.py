@@ -131,7 +131,12 @@ def _finish(document: dict[str, Any], rules: RouteRules) -> dict[str, Any]:
             parameter["schema"] = _not_null(parameter["schema"])
         _give_examples(operation, operation.pop(TRY, {}))
     upload = document["paths"]["/v1/uploads/{upload_id}"]
-    upload["head"] = _without_bodies(upload["get"]) | {
+    headers_alone = {
+        status: {name: value for name, value in answer.items() if name != "content"}
+        for status, answer in upload["get"]["responses"].items()
+    }
+    upload["head"] = upload["get"] | {
+        "responses": headers_alone,
         "operationId": "head_upload",
         "summary": "Get an upload's offset",
     }
@@ -139,15 +144,6 @@ def _finish(document: dict[str, Any], rules: RouteRules) -> dict[str, Any]:
     for part in (schemas, document["paths"], document["webhooks"]):
         write_for_generators(part, schemas)
     return document
-
-
-def _without_bodies(operation: dict[str, Any]) -> dict[str, Any]:
-    """Return the description of `HEAD`, whose answers have the headers of `GET` alone."""
-    answers = {
-        status: {name: value for name, value in answer.items() if name != "content"}
-        for status, answer in operation["responses"].items()
-    }
-    return operation | {"responses": answers}
 
 
 def _replace_references(part: Any, refer: dict[str, str]) -> None:  # noqa: ANN401 - any JSON value

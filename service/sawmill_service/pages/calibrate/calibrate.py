@@ -24,7 +24,7 @@ from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import Conflict, NotFound, QueueFull, StorageError
-from sawmill_service.dependencies import TheFiles, TheScans, TheSettings, TheStore, TheWake
+from sawmill_service.dependencies import TheFiles, TheSettings, TheStore, TheWake
 from sawmill_service.drawing import scan_if_kept, shown_log
 from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.problems import STATUS, complaint
@@ -221,10 +221,11 @@ def _of_inspection(page: PageFrame, store: Store, where: WizardAddress, inspecti
         identifier = (inspection.result and inspection.result.calibration_id) or (named and named[1])
         held = identifier if identifier and store.calibrations.several([identifier]) else None
         return page.answer("calibrate_refused.html", where=where, inspection=inspection, failure=failure, held=held)
-    addressed = {name: getattr(where, parameter) or "" for name, parameter in ASKED.items()}
-    earlier = {} if where.scan is None else _earlier(store.scans, where.scan)
-    answers = earlier | {name: value for name, value in addressed.items() if value}
-    return _asked(page, store, where, inspection, answers, status=200)
+    addressed = {name: answer for name, parameter in ASKED.items() if (answer := getattr(where, parameter))}
+    # A scan of the same file may have been made with other answers, and deleted since.
+    scan = None if where.scan is None else scan_if_kept(store.scans, where.scan)
+    earlier = {name: str(answer) for name in ASKED if (answer := getattr(scan, name, None)) is not None}
+    return _asked(page, store, where, inspection, earlier | addressed, status=200)
 
 
 def _of_scan(page: PageFrame, store: Store, where: WizardAddress, scan_id: str, *problems: str) -> HTMLResponse:
@@ -300,13 +301,6 @@ def _dark_percent(scan: Scan, shape: ScanShape) -> float:
     """Return the percentage of a scan's samples without signal."""
     dark = sum(float(each.values["samples"]) for each in scan.coded_remarks if each.code == PreparingMessage.NO_SIGNAL)
     return 100.0 * dark / (shape.views * shape.rows * shape.detector)
-
-
-def _earlier(scans: TheScans, scan_id: str) -> dict[str, str]:
-    """Return the answers that made a scan of the same file; none where the scan was deleted since."""
-    scan = scan_if_kept(scans, scan_id)
-    values = {} if scan is None else {name: getattr(scan, name) for name in ASKED}
-    return {name: str(value) for name, value in values.items() if value is not None}
 
 
 def _again(files: TheFiles, where: WizardAddress, scan: Scan | None) -> str | None:

@@ -171,7 +171,13 @@ class Preview(Contract):
 def phantoms(page: ThePage, phantoms: ThePhantoms, paging: Annotated[Paging, Query()]) -> HTMLResponse:
     """List the phantoms that no newer measurement has replaced, the newest first."""
     listed, replaced, today = phantoms.page(after=paging.after, limit=LISTED), phantoms.replaced(), _today()
-    rows = [_listed(each, page, today) for each in listed.items if each.id not in replaced]
+    rows = [
+        ListedPhantom(
+            each, size_text(each.drawing, page.formats) if each.drawing else "", size_known(each, page, today)
+        )
+        for each in listed.items
+        if each.id not in replaced
+    ]
     return page.answer("phantoms.html", rows=rows, following=listed.next)
 
 
@@ -270,11 +276,6 @@ def _phantom_page(
         today=today,
         refused=refused,
     )
-
-
-def _listed(phantom: StoredPhantom, page: PageFrame, today: date) -> ListedPhantom:
-    size = size_text(phantom.drawing, page.formats) if phantom.drawing else ""
-    return ListedPhantom(phantom, size, size_known(phantom, page, today))
 
 
 def _picture_of(phantom: StoredPhantom, phantoms: ThePhantoms) -> PictureShown | None:
