@@ -17,7 +17,7 @@ from sawmill_platform.contracts.jobs import Priority
 from sawmill_platform.errors import UploadTooLarge
 from sawmill_platform.files.upload_stream import Received, in_parts
 from sawmill_platform.uploads.upload_store import Uploads
-from sawmill_service.dependencies import TheInspections, TheUploads
+from sawmill_service.dependencies import TheStore
 from sawmill_service.http.bodies.body_sums import BodySums
 from sawmill_service.http.bodies.sent_content import FirstBytes, SentContent, empty_body
 from sawmill_service.http.problems import Refused
@@ -84,8 +84,8 @@ class Reception:
         )
 
 
-async def _reception(request: Request, inspections: TheInspections, uploads: TheUploads) -> Reception:
-    return Reception(request, inspections, uploads)
+async def _reception(request: Request, store: TheStore) -> Reception:
+    return Reception(request, store.inspections, store.uploads)
 
 
 TheReception = Annotated[Reception, Depends(_reception)]

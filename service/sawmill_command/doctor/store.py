@@ -58,7 +58,7 @@ def database(storage: StorageSettings, settings: ServiceSettings) -> Iterator[Do
                         f"days were counted last at {since.isoformat(timespec='seconds')}: nothing goes by its age"
                     )
                     cure = "check the clock, then confirm the rules on the page /retention"
-                    yield DoctorFinding("retention", State.WATCH, sentence, cure)
+                    yield watch("retention", sentence, cure)
     except StorageMisconfigured as error:
         yield bad("database", str(error), _RESTORE if storage.is_one_file else "mend SAWMILL_DATABASE_URL")
     except StorageError as error:
@@ -77,15 +77,15 @@ def backup(folder: Path) -> DoctorFinding:
     """Report the age of the newest backup; its files are not checked, because the backup's disk may be away."""
     newest = newest_backup(folder)
     if newest is None:
-        return DoctorFinding("backup", State.WATCH, "none was taken of this data folder", _TAKE)
+        return watch("backup", "none was taken of this data folder", _TAKE)
     age = datetime.now(UTC) - newest.taken_at
     sentence = f"the newest is {age / timedelta(days=1):.1f} days old: {newest.path}"
     if newest.lacking:
         sentence += f", and lacks {newest.lacking} files that rows name"
-        return DoctorFinding("backup", State.BAD, sentence, "take one by hand, which names them: sawmill backup FOLDER")
+        return bad("backup", sentence, "take one by hand, which names them: sawmill backup FOLDER")
     if age > _OLD:
-        return DoctorFinding("backup", State.WATCH, sentence, _TAKE)
-    return DoctorFinding("backup", State.GOOD, sentence)
+        return watch("backup", sentence, _TAKE)
+    return good("backup", sentence)
 
 
 def broker(url: str | None) -> DoctorFinding:

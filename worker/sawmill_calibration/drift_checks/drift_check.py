@@ -116,9 +116,9 @@ def check_drift(
     turned_over = fit.rotation is not calibration.rotation
     within = None if nominal else _within(changed, reference, zero, turned_over=turned_over)
     if nominal is None:
-        reason = _of_the_detector(reference, changed, zero, within=within, turned_over=turned_over)
-        if of_the_turn := change.disturbed_turn(fit):
-            reason = LogMessage.DISTURBED_TURN(reason, *of_the_turn)
+        of_detector = _of_the_detector(reference, changed, zero, within=within, turned_over=turned_over)
+        of_turn = change.disturbed_turn(fit)
+        reason: str = LogMessage.DISTURBED_TURN(of_detector, *of_turn) if of_turn else of_detector
     else:
         reason = found_column(nominal, fit)
     return drifts.DriftResult(

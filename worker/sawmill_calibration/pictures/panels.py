@@ -89,8 +89,7 @@ def show_image(
     half, (x, y) = field_mm / 2, centre_mm
     extent = (y - half, y + half, x + half, x - half)
     shown = ax.imshow(image, cmap="gray", vmin=window[0], vmax=window[1], extent=extent, interpolation="nearest")
-    ax.set_xlabel("y, mm")
-    ax.set_ylabel("x, mm")
+    ax.set(xlabel="y, mm", ylabel="x, mm")
     return shown
 
 

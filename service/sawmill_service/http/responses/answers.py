@@ -23,29 +23,17 @@ from sawmill_service.http.problems import Refused
 from sawmill_service.http.responses.conditional import CACHING, Digests, check_conditions, repr_digest, spans_of, tag_of
 
 
-class Png(Response):
-    """A picture."""
-
-    media_type = "image/png"
+def _of_type(media_type: str) -> type[Response]:
+    return type("Answer", (Response,), {"media_type": media_type})
 
 
-class Jpeg(Response):
-    """A picture in few bytes, which is not exact."""
-
-    media_type = "image/jpeg"
-
-
-class Svg(Response):
-    """A drawing."""
-
-    media_type = "image/svg+xml"
-
-
-class Hdf5(Response):
-    """A file of arrays."""
-
-    media_type = "application/x-hdf5"
-
+Png = _of_type("image/png")
+Jpeg = _of_type("image/jpeg")
+Svg = _of_type("image/svg+xml")
+Tiff = _of_type("image/tiff")
+Hdf5 = _of_type("application/x-hdf5")
+Npy = _of_type("application/x-npy")
+Nrrd = _of_type("application/x-nrrd")
 
 RequestPriority = Annotated[
     Priority,

@@ -20,7 +20,7 @@ from sawmill_formats.errors import damage_reported
 from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import NotFound
-from sawmill_service.dependencies import TheFiles, TheStore
+from sawmill_service.dependencies import TheStore
 from sawmill_service.drawing import DRAWING, FIGURE_BYTES, scan_if_kept
 from sawmill_service.http.responses.drawn import Drawn
 from sawmill_service.http.route_rules import Router
@@ -29,6 +29,7 @@ from sawmill_service.pages.frame.page_frame import formats_of
 from sawmill_service.pages.frame.stored_words import stored_words
 from sawmill_service.routes.calibrations import succeeded
 from sawmill_service.scanner_conditions import step_with
+from sawmill_store.mill_files import MillFiles
 from sawmill_store.store import Store
 
 if TYPE_CHECKING:
@@ -100,7 +101,7 @@ def _zone(store: Store, scanner_id: str) -> str | None:
     return None if named is None else known_zone(named)
 
 
-def stored_arrays(files: TheFiles, calibration_id: str) -> "CalibrationArrays | None":
+def stored_arrays(files: MillFiles, calibration_id: str) -> "CalibrationArrays | None":
     """Read the arrays of result.h5; None where the file was removed."""
     from sawmill_formats.output import calibration_file
     from sawmill_vocabulary.calibration_arrays import CalibrationArrays
