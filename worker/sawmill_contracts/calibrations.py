@@ -33,7 +33,7 @@ from sawmill_contracts.phantoms import SizeTolerancePercent
 from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.row_ranges import ChosenViews, Rows
 from sawmill_contracts.scanners import Tolerances
-from sawmill_platform.contracts.base import Contract, Identifier, Stamped
+from sawmill_platform.contracts.base import Contract, Identifier, Sha256, Stamped, link
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.jobs import Failure
 from sawmill_platform.contracts.keys import Scope
@@ -153,7 +153,7 @@ class GivenCalibrationOptions(CalibrationOptions, Given):
 class CalibrationRequest(GivenCalibrationOptions, Given):
     """Ask for a calibration."""
 
-    scan_id: Identifier = Field(examples=["example"], description="Id of the scan that shows the phantom.")
+    scan_id: Identifier = Field(description="Id of the scan that shows the phantom.")
     phantom_id: Identifier | None = Field(
         None, description="Id of the phantom in the scan. Null: the one that the scan names.", examples=["l-shape"]
     )
@@ -272,7 +272,7 @@ class Timing(Contract):
 class Comparison(Contract):
     """Change against the scanner's active calibration."""
 
-    calibration_id: Identifier = Field(description="Id of the calibration that was active.", examples=["example"])
+    calibration_id: Identifier = Field(description="Id of the calibration that was active.")
     ray_change_mm: float = Field(
         description="RMS distance between the two calibrations' rays inside the log's disc, one common rotation and "
         "one common scale taken out.",
@@ -568,10 +568,7 @@ class Provenance(Contract):
     search: Search = Field(description="Search for the solution.")
     timing_s: Timing = Field(description="Seconds that the parts of the computation took.")
     software_version: str = Field(description="Version of the software that computed it.", examples=["0.15.0"])
-    input_sha256: str = Field(
-        description="SHA-256 of the scan's file, in hexadecimal digits.",
-        examples=["9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"],
-    )
+    input_sha256: Sha256 = Field(description="SHA-256 of the scan's file, in hexadecimal digits.")
 
 
 # Fields are in the order of the bases, from the last base to the first.
@@ -624,28 +621,22 @@ class CalibrationFile(CalibrationResult):
 class CalibrationLinks(Contract):
     """Links to a calibration's files."""
 
-    self: str = Field(description="Path of the calibration.", examples=["/v1/calibrations/example"])
-    job: str = Field(description="Path of the calibration's job.", examples=["/v1/jobs/example"])
-    report: str = Field(description="Path of the report picture.", examples=["/v1/calibrations/example/report.png"])
-    overlay: str = Field(
-        description="Path of the picture of the phantom with its outline.",
-        examples=["/v1/calibrations/example/overlay.png"],
-    )
-    hdf5: str = Field(
-        description="Path of the HDF5 file with every number and array.",
-        examples=["/v1/calibrations/example/result.h5"],
-    )
+    self: str = link("the calibration", "calibrations/example")
+    job: str = link("the calibration's job", "jobs/example")
+    report: str = link("the report picture", "calibrations/example/report.png")
+    overlay: str = link("the picture of the phantom with its outline", "calibrations/example/overlay.png")
+    hdf5: str = link("the HDF5 file with every number and array", "calibrations/example/result.h5")
 
 
 class CalibrationHeader(Stamped):
     """Fields of every calibration, from the request on."""
 
-    scanner_id: Identifier = Field(description="Id of the scanner that is calibrated.", examples=["example"])
-    scan_id: Identifier = Field(description="Id of the scan that shows the phantom.", examples=["example"])
+    scanner_id: Identifier = Field(description="Id of the scanner that is calibrated.")
+    scan_id: Identifier = Field(description="Id of the scan that shows the phantom.")
     phantom_id: Identifier = Field(description="Id of the phantom.", examples=["l-shape"])
-    job_id: Identifier = Field(description="Id of the job that computes the result.", examples=["example"])
+    job_id: Identifier = Field(description="Id of the job that computes the result.")
     schedule_id: Identifier | None = Field(
-        None, description="Id of the schedule that requested it. Null: a person or a program did.", examples=["example"]
+        None, description="Id of the schedule that requested it. Null: a person or a program did."
     )
     options: CalibrationOptions = Field(description="Options of the request, apart from the scan and the phantom.")
 

@@ -389,9 +389,7 @@ class StoredPhantom(Stamped):
         description="Drawing of the phantom. Null until its picture has been traced."
     )
     job_id: Identifier | None = Field(
-        None,
-        description="Id of the job that traces the phantom's picture. Null: the phantom was drawn.",
-        examples=["example"],
+        None, description="Id of the job that traces the phantom's picture. Null: the phantom was drawn."
     )
 
 

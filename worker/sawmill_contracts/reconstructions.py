@@ -13,7 +13,7 @@ from sawmill_contracts.geometry import GivenTheta, PositiveMm
 from sawmill_contracts.kinds import AskedKind, Operation, Reference, stored_as
 from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.row_ranges import ChosenViews, SteppedRows
-from sawmill_platform.contracts.base import LARGEST_NUMBER, Contract, Identifier, Name, OutOfUse, Stamped
+from sawmill_platform.contracts.base import LARGEST_NUMBER, Contract, Identifier, Name, OutOfUse, Sha256, Stamped, link
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.jobs import Failure, JobState
 from sawmill_platform.contracts.kind_declarations import Schema, bounded, one_of, require, without
@@ -270,11 +270,9 @@ class StoredReconstructionOptions(ReconstructionOptions):
 
     # Slices were not coupled by an earlier version.
     coupling: Annotated[Coupling, OfTotalVariation] = "none"
-    scan_id: Identifier = Field(examples=["example"], description="Id of the scan to reconstruct.")
+    scan_id: Identifier = Field(description="Id of the scan to reconstruct.")
     calibration_id: Identifier | None = Field(
-        None,
-        description="Id of the calibration to use. Null: the scanner's active calibration, unless theta is given.",
-        examples=["example"],
+        None, description="Id of the calibration to use. Null: the scanner's active calibration, unless theta is given."
     )
     theta: Theta | None = Field(None, description="Geometry to use instead of a calibration.")
     rotation: Rotation | None = Field(
@@ -475,10 +473,7 @@ class ReconstructionResult(Contract):
     row_step: int = Field(1, description="Every row_step-th of the rows is a slice.", examples=[1])
     time_s: float = Field(description="Seconds that the computation took.", examples=[5.3])
     software_version: str = Field(description="Version of the software that computed it.", examples=["0.15.0"])
-    input_sha256: str = Field(
-        description="SHA-256 of the scan's file, in hexadecimal digits.",
-        examples=["9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"],
-    )
+    input_sha256: Sha256 = Field(description="SHA-256 of the scan's file, in hexadecimal digits.")
     preparation: list[str] = Field(
         [], description="The steps that prepared the scan's data.", examples=[["flat and dark fields were applied"]]
     )
@@ -537,33 +532,17 @@ class Mark(MarkRequest):
 class ReconstructionLinks(Contract):
     """Links to a reconstruction's files."""
 
-    self: str = Field(description="Path of the reconstruction.", examples=["/v1/reconstructions/example"])
-    job: str = Field(description="Path of the reconstruction's job.", examples=["/v1/jobs/example"])
-    volume: str = Field(description="Path of the volume as HDF5.", examples=["/v1/reconstructions/example/volume.h5"])
-    volume_tiff: str = Field(
-        description="Path of the volume as a TIFF stack.", examples=["/v1/reconstructions/example/volume.tif"]
-    )
-    volume_nrrd: str = Field(
-        description="Path of the volume as NRRD.", examples=["/v1/reconstructions/example/volume.nrrd"]
-    )
-    first_slice: str = Field(
-        description="Path of the picture of the first slice.", examples=["/v1/reconstructions/example/slices/0.png"]
-    )
-    first_slice_array: str = Field(
-        description="Path of the first slice as an array.", examples=["/v1/reconstructions/example/slices/0.npy"]
-    )
-    mosaic: str = Field(
-        description="Path of the picture of slices along the log.", examples=["/v1/reconstructions/example/mosaic.png"]
-    )
-    side: str = Field(
-        description="Path of the picture of the log from the side.", examples=["/v1/reconstructions/example/side.png"]
-    )
-    side_array: str = Field(
-        description="Path of the side view as an array.", examples=["/v1/reconstructions/example/side.npy"]
-    )
-    thumbnail: str = Field(
-        description="Path of the small picture.", examples=["/v1/reconstructions/example/thumbnail.png"]
-    )
+    self: str = link("the reconstruction", "reconstructions/example")
+    job: str = link("the reconstruction's job", "jobs/example")
+    volume: str = link("the volume as HDF5", "reconstructions/example/volume.h5")
+    volume_tiff: str = link("the volume as a TIFF stack", "reconstructions/example/volume.tif")
+    volume_nrrd: str = link("the volume as NRRD", "reconstructions/example/volume.nrrd")
+    first_slice: str = link("the picture of the first slice", "reconstructions/example/slices/0.png")
+    first_slice_array: str = link("the first slice as an array", "reconstructions/example/slices/0.npy")
+    mosaic: str = link("the picture of slices along the log", "reconstructions/example/mosaic.png")
+    side: str = link("the picture of the log from the side", "reconstructions/example/side.png")
+    side_array: str = link("the side view as an array", "reconstructions/example/side.npy")
+    thumbnail: str = link("the small picture", "reconstructions/example/thumbnail.png")
 
 
 class Reconstruction(Stamped):
@@ -582,13 +561,12 @@ class Reconstruction(Stamped):
     marks: list[Mark] = Field(
         [], description="Rulers and regions that people keep with it, the oldest first.", examples=[[]]
     )
-    scanner_id: Identifier = Field(description="Id of the scanner.", examples=["example"])
-    scan_id: Identifier = Field(description="Id of the scan that is reconstructed.", examples=["example"])
+    scanner_id: Identifier = Field(description="Id of the scanner.")
+    scan_id: Identifier = Field(description="Id of the scan that is reconstructed.")
     calibration_id: Identifier | None = Field(
-        description="Id of the calibration. Null: a theta was given, or a new scanner has none yet.",
-        examples=["example"],
+        description="Id of the calibration. Null: a theta was given, or a new scanner has none yet."
     )
-    job_id: Identifier = Field(description="Id of the job that computes the result.", examples=["example"])
+    job_id: Identifier = Field(description="Id of the job that computes the result.")
     options: StoredReconstructionOptions = Field(description="Options of the request.")
     result: ReconstructionResult | None = Field(None, description="The answer. Null: there is none yet.")
     failure: Failure | None = Field(None, description="Reason of the failure. Null: the job has not failed.")

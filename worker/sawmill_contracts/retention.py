@@ -77,8 +77,7 @@ class Retention(Contract):
 
     rules: RetentionRules = Field(description="Rules in force.")
     changed_at: Time | None = Field(
-        description="Time of the last change of the rules, RFC 3339, UTC. Null: there have been no rules yet.",
-        examples=["2026-03-02T05:30:00Z"],
+        description="Time of the last change of the rules, RFC 3339, UTC. Null: there have been no rules yet."
     )
     changed_by: str | None = Field(
         description="Name of the key that changed the rules last. Null: there have been no rules yet.",
@@ -115,8 +114,7 @@ class RetentionPreview(Contract):
     """Objects that rules would remove until a time. Nothing has been removed."""
 
     at: Time = Field(
-        description="Time until which the objects would be removed, RFC 3339, UTC: an hour after the request.",
-        examples=["2026-03-02T05:30:00Z"],
+        description="Time until which the objects would be removed, RFC 3339, UTC: an hour after the request."
     )
     rules: RetentionRules = Field(description="Rules of the preview.")
     number: int = Field(

@@ -112,7 +112,5 @@ class StoredScanner(Stamped, ScannerSpec):
     model_config = ConfigDict(title="Scanner")
 
     active_calibration_id: Identifier | None = Field(
-        None,
-        description="Id of the calibration that reconstructions use unless they name another. Null: none yet.",
-        examples=["example"],
+        None, description="Id of the calibration that reconstructions use unless they name another. Null: none yet."
     )

@@ -17,7 +17,7 @@ from sawmill_platform.contracts.kind_declarations import Schema, one_of, require
 class ScheduleSpec(Contract):
     """Times at which a scanner is recalibrated with its newest phantom scan, or its newest log is checked for drift."""
 
-    scanner_id: Identifier = Field(examples=["example"], description="Id of the scanner.")
+    scanner_id: Identifier = Field(description="Id of the scanner.")
     kind: ScheduleKind = Field("recalibrate", description="Work at each due time.", examples=["recalibrate"])
     cron: str = Field(
         max_length=100,
@@ -78,14 +78,10 @@ class ScheduleRun(Contract):
     due_at: datetime = Field(description="The due time, RFC 3339, UTC.", examples=["2026-03-02T05:30:00Z"])
     outcome: ScheduleOutcome = Field(description="Whether a job was queued, else why not.", examples=["queued"])
     calibration_id: Identifier | None = Field(
-        None,
-        description="Id of the calibration that was queued. Null: no calibration was queued.",
-        examples=["example"],
+        None, description="Id of the calibration that was queued. Null: no calibration was queued."
     )
     drift_id: Identifier | None = Field(
-        None,
-        description="Id of the drift check that was queued. Null: no drift check was queued.",
-        examples=["example"],
+        None, description="Id of the drift check that was queued. Null: no drift check was queued."
     )
 
 

@@ -40,7 +40,10 @@ def database(storage: StorageSettings, settings: ServiceSettings) -> Iterator[Do
                 refuse_used(store.files.folder)
             yield _migration(report)
             if report.migration == report.newest_migration:
-                damage = _damage(store)
+                damaged = store.damage()
+                damage = good("tables", "whole, and of this version")
+                if damaged:
+                    damage = bad("tables", f"the database's file is damaged: {damaged[0]}", _RESTORE)
                 yield damage
                 folder = _folder(store)
                 yield folder
@@ -120,13 +123,6 @@ def _migration(report: DatabaseReport) -> DoctorFinding:
     if report.answered_s > _SLOW_S:
         return watch("database", sentence, "look at the load of its machine and its disk")
     return good("database", sentence)
-
-
-def _damage(store: Store) -> DoctorFinding:
-    damage = store.damage()
-    if damage:
-        return bad("tables", f"the database's file is damaged: {damage[0]}", _RESTORE)
-    return good("tables", "whole, and of this version")
 
 
 def _files(store: Store) -> DoctorFinding:

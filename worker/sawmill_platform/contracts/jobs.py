@@ -145,7 +145,7 @@ class Job(Stamped):
 
     kind: JobKind = Field(description="Kind of work.")
     state: JobState = Field(description="State of the job.", examples=["running"])
-    subject_id: Identifier = Field(description="Id of the object that the job works on.", examples=["example"])
+    subject_id: Identifier = Field(description="Id of the object that the job works on.")
     short: bool = Field(
         default=False,
         description="Whether the job takes seconds. Short jobs have a lane of their own, in which none waits for a "

@@ -66,10 +66,6 @@ class Shadows:
         """True where the excess is more than `least`, (views, cells)."""
         return self.excess > self.least
 
-    def by_departures(self, departures: Image) -> "Shadows":
-        """Return the shadows, of any width, with the departures (views, cells) from the line integrals of the wood."""
-        return replace(self, excess=np.maximum(smoothed(departures), 0.0))
-
 
 @dataclass(frozen=True)
 class MetalFinder:
@@ -229,7 +225,7 @@ class MetalSearch(MetalFinder):
         for number in range(1, ROUNDS[1] + 1):
             image = image_of_other_rays(self.coarse, lines[:: self.step], uncertainty[:: self.step])
             wood = self.fine.forward(np.minimum(image, np.float32(MOST_WOOD * shadows.wood_per_mm)))
-            shadows = shadows.by_departures(sinogram - wood)
+            shadows = replace(shadows, excess=np.maximum(smoothed(sinogram - wood), 0.0))
             excess = self.bodies([replace(shadows, excess=shadows.excess[:: self.step])], excess)[0]
             trace = self.traced(shadows, excess)
             if not trace[:: self.step].any():
