@@ -65,7 +65,9 @@ def seed_examples(store: Store) -> None:
     for identifier in {EXAMPLE, SPARE} - {item.id for item in store.scanners.page().items}:
         store.scanners.create(ScannerSpec(name=SCANNER_NAMES[identifier], constants=CONSTANTS), scanner_id=identifier)
     if SPARE not in {item.id for item in store.phantoms.page().items}:
-        store.phantoms.create(_spare_phantom(), phantom_id=SPARE)
+        cross = [(-100, -30), (-30, -30), (-30, -120), (40, -120), (40, -30), (100, -30), (100, 30), (-100, 30)]
+        tee = Polygon(vertices_mm=tuple((float(x), float(y)) for x, y in cross))
+        store.phantoms.create(PhantomDrawing(name="example tee", shapes=[tee]), phantom_id=SPARE)
     _seed_scans(store.scans)
     inspected = {SPARE: PHANTOM_FILE, EXAMPLE: PHANTOM_FILE, **RECORDED_PAIRS}
     for identifier in inspected.keys() - {item.id for item in store.inspections.page().items}:
@@ -118,13 +120,6 @@ def _ask_once(
     """Request an example in the background, unless it was requested before."""
     if identifier not in {item.id for item in requests.page().items}:
         requests.accept(ask, identifier=identifier, job_id=job_id, priority=Priority.BACKGROUND, given=given)
-
-
-def _spare_phantom() -> PhantomDrawing:
-    cross = [(-100, -30), (-30, -30), (-30, -120), (40, -120), (40, -30), (100, -30), (100, 30), (-100, 30)]
-    return PhantomDrawing(
-        name="example tee", shapes=[Polygon(vertices_mm=tuple((float(x), float(y)) for x, y in cross))]
-    )
 
 
 def _seed_scans(scans: Scans) -> None:

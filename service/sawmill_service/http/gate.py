@@ -157,17 +157,12 @@ def _refusal(scope: Scope, refused: Refused) -> Response:
     if unknown and is_navigation(headers):
         return RedirectResponse(_login_before(scope, headers), status_code=303)
     answer = refusal_response(scope["path"], refused)
+    of_page = "sec-fetch-mode" in headers or SESSION_COOKIE in headers.get("cookie", "")
     for challenge in CHALLENGES if unknown else ():
-        if challenge.startswith("Bearer") or not _is_browser(headers):
+        # A challenge of HTTP Basic would open a browser's password window over a page of ours.
+        if challenge.startswith("Bearer") or not of_page or "authorization" in headers:
             answer.headers.append("WWW-Authenticate", challenge)
     return answer
-
-
-def _is_browser(headers: Headers) -> bool:
-    """Return whether a page of ours sent this: a challenge of HTTP Basic would open the browser's password window."""
-    return (
-        "sec-fetch-mode" in headers or SESSION_COOKIE in headers.get("cookie", "")
-    ) and "authorization" not in headers
 
 
 def _login_before(scope: Scope, headers: Headers) -> str:

@@ -7,7 +7,6 @@ from fastapi import Depends, Path, Query, Response
 from pydantic import Field, create_model
 
 from sawmill_contracts.calibrations import CalibrationSucceeded
-from sawmill_contracts.declared_kinds import asked_kinds
 from sawmill_contracts.kinds import AskedKind, Operation, Reference
 from sawmill_mill.next_step import step_alone
 from sawmill_platform.contracts.base import Contract, Identifier, Page
@@ -24,12 +23,8 @@ from sawmill_service.http.responses.waiting import TheWaiting
 from sawmill_service.http.route_rules import Router
 
 
-def routers() -> list[Router]:
-    """Return a router for each kind."""
-    return [_router(declared) for declared in asked_kinds()]
-
-
-def _router(declared: AskedKind[Any, Any]) -> Router:
+def router_of(declared: AskedKind[Any, Any]) -> Router:
+    """Return the router of a kind."""
     router = Router(tags=[declared.tag or declared.kind.plural], reading=Scope.READ)
     folder = f"/v1/{declared.kind.plural}"
     noun, plural = (name.replace("-", "_") for name in (declared.noun, declared.kind.plural))

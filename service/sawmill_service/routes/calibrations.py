@@ -131,7 +131,7 @@ def get_calibration_file(calibration_id: Identifier, request: Request, store: Th
     files = store.calibrations.files
     path = files.unverified(kinds.CALIBRATE, calibration_id, "result.h5")
     name = f"calibration-{calibration_id}.h5"
-    return file(request, path, Hdf5.media_type, save_as=name, digest=files.verified.digest)
+    return file(request, path, "application/x-hdf5", save_as=name, digest=files.verified.digest)
 
 
 @router.post(

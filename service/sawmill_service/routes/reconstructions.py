@@ -228,15 +228,8 @@ def get_side_view(
         from sawmill_formats.output import volume_reader
 
         view = volume_reader.side_view(store.reconstructions.files.volume(reconstruction_id), shape, query.along)
-        return side_view_png(
-            view.data,
-            across_mm=view.across_mm,
-            across=view.across,
-            along_mm=view.along_mm,
-            unit=view.unit,
-            window=window_to_draw(query, window_of(view.data)),
-            color_map=query.color_map,
-        )
+        window = window_to_draw(query, window_of(view.data))
+        return side_view_png(view, window=window, color_map=query.color_map)
 
     size_bytes = BYTES_PER_VALUE * shape[0] * max(shape[1:])
     return picture(request, (reconstruction_id, "side", query), draw, size_bytes=size_bytes)
@@ -271,7 +264,7 @@ def get_volume(reconstruction_id: Identifier, request: Request, store: TheStore)
     files = store.reconstructions.files
     path = files.unverified(kinds.RECONSTRUCT, reconstruction_id, VOLUME_FILE)
     name = f"{store.reconstructions.file_name(reconstruction_id)}.h5"
-    return file(request, path, Hdf5.media_type, save_as=name, digest=files.verified.digest)
+    return file(request, path, "application/x-hdf5", save_as=name, digest=files.verified.digest)
 
 
 @router.put(

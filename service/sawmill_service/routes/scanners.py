@@ -24,7 +24,7 @@ from sawmill_service.http.document.described_answers import LOCATED, NAMED, refu
 from sawmill_service.http.document.old_names import ACTIVATIONS, OLD
 from sawmill_service.http.document.openapi_document import trying
 from sawmill_service.http.repeats import repeatable
-from sawmill_service.http.responses.answers import NumberedPaging, Paging
+from sawmill_service.http.responses.answers import NumberedPaging, Paging, cursor
 from sawmill_service.http.responses.conditional import REPLACED, TAGGED, ThePrecondition, tagged
 from sawmill_service.http.route_rules import Router
 from sawmill_service.scanner_conditions import condition_of
@@ -59,13 +59,7 @@ class HistoryFilter(Given):
 class HistoryPaging(HistoryFilter, Paging):
     """Page of the entries of a history, and their filter."""
 
-    after: str | None = Field(
-        None,
-        max_length=200,
-        description="The `next` of the page before. Default: the newest page.",
-        examples=["1772429400000000.12"],
-        json_schema_extra={"pattern": patterns.HISTORY_CURSOR},
-    )
+    after: str | None = cursor("1772429400000000.12", patterns.HISTORY_CURSOR)
 
 
 class Csv(StreamingResponse):

@@ -5,7 +5,7 @@ import re
 import unicodedata
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, cast
+from typing import Annotated, Any, cast
 from urllib.parse import quote
 
 from fastapi import Request, Response
@@ -44,16 +44,16 @@ RequestPriority = Annotated[
 ]
 
 
+def cursor(example: str, pattern: str) -> Any:  # noqa: ANN401 - as pydantic's Field
+    """Return the field of a page's place in a list."""
+    about = "The `next` of the page before. Default: the newest page."
+    return Field(None, max_length=200, description=about, examples=[example], json_schema_extra={"pattern": pattern})
+
+
 class Paging(Given):
     """Page of a list."""
 
-    after: str | None = Field(
-        None,
-        max_length=200,
-        description="The `next` of the page before. Default: the newest page.",
-        examples=["1772429400000000.example"],
-        json_schema_extra={"pattern": patterns.CURSOR},
-    )
+    after: str | None = cursor("1772429400000000.example", patterns.CURSOR)
     limit: Annotated[int, Field(ge=1, le=200, description="Number of items a page.")] = 50
     fields: str | None = Field(
         None,
@@ -68,13 +68,7 @@ class Paging(Given):
 class NumberedPaging(Paging):
     """Page of a list of numbered entries."""
 
-    after: str | None = Field(
-        None,
-        max_length=200,
-        description="The `next` of the page before. Default: the newest page.",
-        examples=["41"],
-        json_schema_extra={"pattern": patterns.NUMBERED_CURSOR},
-    )
+    after: str | None = cursor("41", patterns.NUMBERED_CURSOR)
 
 
 class Dated(Paging):

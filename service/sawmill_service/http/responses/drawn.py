@@ -203,7 +203,7 @@ def picture(
 
 def kept_picture(request: Request, size_bytes: int, draw: Callable[[], Path]) -> Response:
     """Return a picture that `draw` stores at the first request, in `size_bytes` of memory, and finds from then on."""
-    return Drawn(request, size_bytes, lambda: file(request, draw(), Png.media_type))
+    return Drawn(request, size_bytes, lambda: file(request, draw(), "image/png"))
 
 
 def exported(

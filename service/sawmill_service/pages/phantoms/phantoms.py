@@ -75,7 +75,9 @@ def size_known(phantom: StoredPhantom, page: PageFrame, today: date) -> SizeKnow
     if any(each.expired(today) for each in measured):
         return SizeKnown("watch", _("Measure again"), _("%(when)s: measure it again.") % {"when": when})
     if phantom.drawing is not None and (unmeasured := phantom.drawing.axis_as_drawn) is not None:
-        return _along_one_axis(when, unmeasured, page)
+        axes = {"axis": "x" if unmeasured == "y" else "y", "other": unmeasured}
+        sentence = _("%(when)s, along %(axis)s only: along %(other)s it is as it was drawn. Measure that side too.")
+        return SizeKnown("watch", _("Measured along %(axis)s only") % axes, sentence % {"when": when, **axes})
     ends = min((each.expires_on for each in measured if each.expires_on is not None), default=None)
     formats = page.formats
     if ends is not None and ends - today <= SOON:
@@ -85,13 +87,6 @@ def size_known(phantom: StoredPhantom, page: PageFrame, today: date) -> SizeKnow
         sentence = _("%(when)s, good until %(day)s.") % {"when": when, "day": formats.day(ends.isoformat())}
         return SizeKnown("good", _("Measured"), sentence)
     return SizeKnown("good", _("Measured"), _("%(when)s, with no day on which to repeat it.") % {"when": when})
-
-
-def _along_one_axis(when: str, unmeasured: str, page: PageFrame) -> SizeKnown:
-    _ = page.text.gettext
-    axes = {"axis": "x" if unmeasured == "y" else "y", "other": unmeasured}
-    sentence = _("%(when)s, along %(axis)s only: along %(other)s it is as it was drawn. Measure that side too.")
-    return SizeKnown("watch", _("Measured along %(axis)s only") % axes, sentence % {"when": when, **axes})
 
 
 def _unmeasured(phantom: StoredPhantom, page: PageFrame) -> SizeKnown:
