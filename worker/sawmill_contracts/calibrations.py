@@ -57,23 +57,17 @@ from sawmill_vocabulary.uncertainty import BudgetLine, ContrastLoss
 class PaperOptions(Contract):
     """Switches of the published search (arXiv 2206.14444)."""
 
-    objective: PaperObjective = Field(
-        "image", description="Correlate FBP images, or compare sinograms.", examples=["image"]
-    )
-    weighting: Weighting = Field("none", description="FBP weights; the published pipeline has none.", examples=["none"])
+    objective: PaperObjective = Field("image", description="Correlate FBP images, or compare sinograms.")
+    weighting: Weighting = Field("none", description="FBP weights; the published pipeline has none.")
     correlation: PaperCorrelation = Field(
-        "unnormalised",
-        description="Correlation of images or sinograms: as published, or normalised.",
-        examples=["unnormalised"],
+        "unnormalised", description="Correlation of images or sinograms: as published, or normalised."
     )
-    stop: PaperStop = Field(
-        "published", description="SciPy's default stop, or one that waits for convergence.", examples=["published"]
-    )
+    stop: PaperStop = Field("published", description="SciPy's default stop, or one that waits for convergence.")
     max_generations: Annotated[int, Field(ge=1, le=10_000)] = Field(
-        1000, description="The search ends after this number of generations.", examples=[1000]
+        1000, description="The search ends after this number of generations."
     )
     image_size: Annotated[int, Field(ge=32, le=1024)] = Field(
-        256, description="Pixels along each side of the correlated images.", examples=[256]
+        256, description="Pixels along each side of the correlated images."
     )
 
 
@@ -84,7 +78,6 @@ class CalibrationOptions(Contract):
         None,
         description="Detector rows A:B to average, the first included, the last not. Default: the scan's phantom "
         "rows, else the rows in which the phantom is found.",
-        examples=["0:16"],
     )
     log_rows: Rows | None = Field(
         None,
@@ -110,9 +103,7 @@ class CalibrationOptions(Contract):
     method: CalibrationMethod = Field(
         CalibrationMethod.DEFAULT, description="The product's own search, or the published one.", examples=["default"]
     )
-    seed: Annotated[int, Field(ge=0, lt=2**32)] = Field(
-        7, description="Seed of the search's random numbers, no unit.", examples=[7]
-    )
+    seed: Annotated[int, Field(ge=0, lt=2**32)] = Field(7, description="Seed of the search's random numbers, no unit.")
     rays_per_cell: Annotated[int, Field(ge=1, le=64)] | None = Field(
         None,
         description="Number of rays for each cell in the model. Default: the average over the whole cell, as in a "
@@ -161,16 +152,15 @@ class CalibrationRequest(GivenCalibrationOptions, Given):
         default=False,
         description="Whether the calibration becomes the scanner's active one if its rays_verdict is pass: an "
         "uncertain scale blurs nothing and does not stop it.",
-        examples=[False],
     )
 
 
 class CalibrationLimits(Contract):
     """Limits of a verdict where no scanner with tolerances is registered."""
 
-    tolerance_mm: PositiveMm = Field(0.1, description="Limit of the predicted ray error, mm.", examples=[0.1])
+    tolerance_mm: PositiveMm = Field(0.1, description="Limit of the predicted ray error, mm.")
     scale_tolerance_percent: Annotated[float, Field(gt=0, le=100)] = Field(
-        0.5, description="Limit of the scale uncertainty, per cent.", examples=[0.5]
+        0.5, description="Limit of the scale uncertainty, per cent."
     )
     log_radius_mm: PositiveMm | None = Field(
         None,

@@ -109,7 +109,6 @@ class DriftOptions(Contract):
         None,
         description="Detector rows A:B to average, the first included, the last not. Default: all. A scan that was "
         "posted as the mean of rows has only that mean.",
-        examples=["0:16"],
     )
 
 
@@ -176,7 +175,6 @@ class DriftResult(Contract):
         "calibration",
         description="Zero of `moved`, `ray_change_mm`, `scale_change_percent`, `within_tolerance` and `reason`: the "
         "baseline where there is one, else the calibration.",
-        examples=["calibration"],
     )
     baseline: DriftBaseline | None = Field(
         None, description="The baseline, which counts as zero, and the change from it. Null: there is no baseline."

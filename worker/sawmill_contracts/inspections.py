@@ -49,9 +49,7 @@ class FilePart(Contract):
     kind: str = Field(
         description="Type of the part, as a group, a dataset, a link, an array or a page.", examples=["dataset"]
     )
-    count: int = Field(
-        1, description="Number of parts, which are alike but for the numbers in their names.", examples=[1]
-    )
+    count: int = Field(1, description="Number of parts, which are alike but for the numbers in their names.")
     shape: list[int] | None = Field(
         None, description="Lengths in the axis order of the file. Null: the part has none.", examples=[[360, 16, 768]]
     )
@@ -144,9 +142,7 @@ class MissingPart(Contract):
         description="Reason why the information must be given, in words.", examples=["no file states it reliably"]
     )
     needed: bool = Field(
-        default=True,
-        description="Whether nothing can be read, or calibrated, without the information.",
-        examples=[True],
+        default=True, description="Whether nothing can be read, or calibrated, without the information."
     )
 
 
@@ -173,7 +169,7 @@ class InspectionResult(Contract):
     )
     verdict: FileVerdict = Field(description="Whether the file can be read as a scan.", examples=["ready"])
     parts: list[FilePart] = Field(description="Parts of the file.")
-    parts_left_out: int = Field(0, description="Number of parts beyond the most that are listed.", examples=[0])
+    parts_left_out: int = Field(0, description="Number of parts beyond the most that are listed.")
     listing_ended: str | None = Field(
         None,
         description="Why the list of parts is not complete. Null: it is complete.",

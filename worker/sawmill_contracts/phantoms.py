@@ -229,9 +229,7 @@ class MeasurementsRequest(Given):
 
     measurements: list[SizeMeasurement] = Field(min_length=1, max_length=100, description="Measured lengths.")
     stretch_drawing: bool = Field(
-        default=True,
-        description="Whether the shapes are stretched along x and y to the measured lengths.",
-        examples=[True],
+        default=True, description="Whether the shapes are stretched along x and y to the measured lengths."
     )
 
     _of_days_that_were = field_validator("measurements")(_until_tomorrow)

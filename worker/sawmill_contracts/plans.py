@@ -20,12 +20,10 @@ class PlanOptions(Contract):
     """The planned scan, apart from the phantom and the scanner."""
 
     views: Annotated[int, Field(ge=3, le=3600)] = Field(
-        360, description="Number of views, equidistant over a full turn.", examples=[360]
+        360, description="Number of views, equidistant over a full turn."
     )
     noise: Annotated[float, Field(gt=0, le=1)] = Field(
-        0.02,
-        description="Standard deviation of the noise against the RMS of the phantom's sinogram, no unit.",
-        examples=[0.02],
+        0.02, description="Standard deviation of the noise against the RMS of the phantom's sinogram, no unit."
     )
     size_tolerance_percent: SizeTolerancePercent | None = Field(
         None,

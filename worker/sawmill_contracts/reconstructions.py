@@ -135,17 +135,13 @@ class ReconstructionOptions(Contract):
     )
     filter: Annotated[FilterName, OfFbp] = Field(FilterName.HANN, description="Window on the ramp.", examples=["hann"])
     frequency_scaling: Annotated[float, Field(gt=0, le=1), OfFbp] = Field(
-        1.0, description="Cut-off as a fraction of the Nyquist frequency, no unit.", examples=[1.0]
+        1.0, description="Cut-off as a fraction of the Nyquist frequency, no unit."
     )
     weighting: Annotated[Weighting, OfFbp] = Field(
-        "exact",
-        description="`none` is the published pipeline's weighting: no cosine, no distance weight.",
-        examples=["exact"],
+        "exact", description="`none` is the published pipeline's weighting: no cosine, no distance weight."
     )
-    size: Annotated[int, Field(ge=16, le=4096), OneNumber] = Field(
-        256, description="Pixels along each side.", examples=[256]
-    )
-    field_mm: Annotated[PositiveMm, OneNumber] = Field(400.0, description="Side of the square field.", examples=[400.0])
+    size: Annotated[int, Field(ge=16, le=4096), OneNumber] = Field(256, description="Pixels along each side.")
+    field_mm: Annotated[PositiveMm, OneNumber] = Field(400.0, description="Side of the square field.")
     field_centre_mm: tuple[CoordinateMm, CoordinateMm] = Field(
         (0.0, 0.0),
         description="(x, y) of the field's centre, mm; a region of interest need not be centred on the rotation "
@@ -213,12 +209,9 @@ class ReconstructionOptions(Contract):
     non_negative: Annotated[bool, OfEdgePreserving] = Field(
         default=True,
         description="Constraint of `cauchy_map`, `total_variation` and `ring_tv`: no attenuation below zero.",
-        examples=[True],
     )
     uncertainty: Annotated[bool, OutOfUse("0.2.0", "2026-11-22", gone_in="0.3.0", instead="leave it out")] = Field(
-        default=False,
-        description="Ignored, with a remark: each pixel's standard deviation is no longer computed.",
-        examples=[False],
+        default=False, description="Ignored, with a remark: each pixel's standard deviation is no longer computed."
     )
 
     @field_validator(*COMPUTABLE)
@@ -338,7 +331,6 @@ class MetalReport(Contract):
         0,
         description="Number of further slices with metal on more rays than may be taken out: all their rays are used "
         "as they are, and a remark reports it.",
-        examples=[0],
     )
     treatment: MetalTreatment = Field(description="Treatment of these rays.", examples=["interpolated"])
     source: str = Field(
@@ -364,9 +356,7 @@ class MethodReport(Contract):
         "noise. Null where the views do not go all round.",
         examples=[0.08],
     )
-    view_step: int = Field(
-        1, description="Step of the views that `auto` chose: every view_step-th was used.", examples=[1]
-    )
+    view_step: int = Field(1, description="Step of the views that `auto` chose: every view_step-th was used.")
     noise: float = Field(description="Standard deviation of a line integral, in its unit.", examples=[0.01])
     data_misfit: float | None = Field(
         description="RMS of the residual (A x - y), relative to the noise, no unit: near 1 for an iterative method "
@@ -423,15 +413,13 @@ class MethodReport(Contract):
         None, description="Metal in the log. Null: none was found, or the search for metal was off."
     )
     unconverged_slices: int = Field(
-        0, description="Number of slices that had not converged when the iterations ran out.", examples=[0]
+        0, description="Number of slices that had not converged when the iterations ran out."
     )
     remarks: list[str] = Field(
         [], description="Remarks on the data and the fit.", examples=[["the log leaves the field in 3 slices"]]
     )
     coded_remarks: list[CodedReason] = Field(
-        [],
-        description="The remarks as codes and values; empty where an earlier version reconstructed the log.",
-        examples=[[]],
+        [], description="The remarks as codes and values; empty where an earlier version reconstructed the log."
     )
 
     @property
@@ -470,7 +458,7 @@ class ReconstructionResult(Contract):
         description="Detector rows that were reconstructed: the first one and the one after the last.",
         examples=[[0, 16]],
     )
-    row_step: int = Field(1, description="Every row_step-th of the rows is a slice.", examples=[1])
+    row_step: int = Field(1, description="Every row_step-th of the rows is a slice.")
     time_s: float = Field(description="Seconds that the computation took.", examples=[5.3])
     software_version: str = Field(description="Version of the software that computed it.", examples=["0.15.0"])
     input_sha256: Sha256 = Field(description="SHA-256 of the scan's file, in hexadecimal digits.")
@@ -478,9 +466,7 @@ class ReconstructionResult(Contract):
         [], description="The steps that prepared the scan's data.", examples=[["flat and dark fields were applied"]]
     )
     coded_preparation: list[CodedReason] = Field(
-        [],
-        description="The steps as codes and values; empty where an earlier version reconstructed the log.",
-        examples=[[]],
+        [], description="The steps as codes and values; empty where an earlier version reconstructed the log."
     )
     method: MethodReport | None = Field(
         None, description="Report of the method. Null for a result of an earlier version, whose method was fbp."
@@ -488,7 +474,6 @@ class ReconstructionResult(Contract):
     has_deviation: bool = Field(
         default=False,
         description="Whether each pixel's standard deviation is in the volume, as in results of an earlier version.",
-        examples=[False],
     )
 
     @property
@@ -558,9 +543,7 @@ class Reconstruction(Stamped):
         description="Number of the log among the scanner's logs, from 1; the reconstructions of one scan share it.",
         examples=[14],
     )
-    marks: list[Mark] = Field(
-        [], description="Rulers and regions that people keep with it, the oldest first.", examples=[[]]
-    )
+    marks: list[Mark] = Field([], description="Rulers and regions that people keep with it, the oldest first.")
     scanner_id: Identifier = Field(description="Id of the scanner.")
     scan_id: Identifier = Field(description="Id of the scan that is reconstructed.")
     calibration_id: Identifier | None = Field(

@@ -57,7 +57,6 @@ class RetentionRequest(RetentionRules, Given):
         le=LARGEST_NUMBER,
         description="Number of objects that these rules may remove at once: the `number` of a preview that somebody "
         "has seen.",
-        examples=[0],
     )
 
 

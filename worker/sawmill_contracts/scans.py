@@ -169,9 +169,7 @@ class ScanSpec(ScanFileOptions):
     phantom_id: Identifier | None = Field(
         None, description="Id of the phantom in this scan; null for a scan without one.", examples=["l-shape"]
     )
-    phantom_rows: Rows | None = Field(
-        None, description="Rows that show the phantom; null: they are found.", examples=["0:16"]
-    )
+    phantom_rows: Rows | None = Field(None, description="Rows that show the phantom; null: they are found.")
 
 
 class ScanShape(Contract):
@@ -211,7 +209,7 @@ class ReadingRemarks(Contract):
         examples=[["1 images marked invalid (image_key 3) were left out."]],
     )
     coded_remarks: list[CodedReason] = Field(
-        [], description="The remarks as codes and values; empty where an earlier version read the file.", examples=[[]]
+        [], description="The remarks as codes and values; empty where an earlier version read the file."
     )
 
     @property

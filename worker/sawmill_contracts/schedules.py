@@ -18,7 +18,7 @@ class ScheduleSpec(Contract):
     """Times at which a scanner is recalibrated with its newest phantom scan, or its newest log is checked for drift."""
 
     scanner_id: Identifier = Field(description="Id of the scanner.")
-    kind: ScheduleKind = Field("recalibrate", description="Work at each due time.", examples=["recalibrate"])
+    kind: ScheduleKind = Field("recalibrate", description="Work at each due time.")
     cron: str = Field(
         max_length=100,
         description="Five fields of cron, in `time_zone`: minute, hour, day of the month, month, day of the week. "
@@ -35,14 +35,11 @@ class ScheduleSpec(Contract):
         json_schema_extra={"pattern": patterns.TIME_ZONE},
     )
     enabled: bool = Field(
-        default=True,
-        description="Whether the schedule runs; false: nothing is due until it is enabled.",
-        examples=[True],
+        default=True, description="Whether the schedule runs; false: nothing is due until it is enabled."
     )
     on_pass: OnPass = Field(
         "report",
         description="Action of `recalibrate` on a calibration whose rays_verdict is pass and which has not moved.",
-        examples=["report"],
     )
     options: CalibrationOptions = Field(
         CalibrationOptions(), description="Options of its calibrations; `check-drift` does not use them."

@@ -196,15 +196,12 @@ class Job(Stamped):
         0,
         description="Number of attempts that were lost, as by a worker that was killed; the third loss fails the "
         "job. A clean stop of a worker, a full disk and a database that is away are no loss.",
-        examples=[0],
     )
     worker: str | None = Field(
         None, description="Host and process of the worker that runs the job. Null: none does.", examples=["host:71"]
     )
     cancel_requested: bool = Field(
-        default=False,
-        description="Whether somebody has cancelled the job; a running job ends within seconds.",
-        examples=[False],
+        default=False, description="Whether somebody has cancelled the job; a running job ends within seconds."
     )
     request_id: str | None = Field(
         None,

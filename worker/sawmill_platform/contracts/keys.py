@@ -48,7 +48,6 @@ class KeyRequest(Given):
         default=False,
         description="Whether the key is for a display on the wall: a page that the key has opened stays "
         "open as long as the key is valid. Needs scope `read`.",
-        examples=[False],
     )
 
     @model_validator(mode="after")

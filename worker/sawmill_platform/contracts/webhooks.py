@@ -106,7 +106,6 @@ class WebhookRequest(Given):
     enabled: bool = Field(
         default=True,
         description="Whether events are sent; false: none until it is enabled, when all events since are sent.",
-        examples=[True],
     )
     after: int | None = Field(
         None,
@@ -186,7 +185,6 @@ class WebhookRotation(Given):
         le=30 * 86400,
         description="Seconds for which messages are signed with the old secret too, so that the receiver can be "
         "given the new one.",
-        examples=[86400],
     )
 
 

@@ -236,6 +236,7 @@ def write_for_generators(part: Any, schemas: Mapping[str, Schema]) -> None:  # n
     - A pair states the type of its items, for generators that ignore `prefixItems`. Its length already forbids further
       items; `items: false` would repeat that, and openapi-python-client refuses it.
     - A choice requires its discriminator, although it has a default in the schema of each kind.
+    - A value's default is its example, unless it has others.
     """
     if isinstance(part, list):
         for inner in part:
@@ -256,6 +257,8 @@ def write_for_generators(part: Any, schemas: Mapping[str, Schema]) -> None:  # n
             kind = schemas[reference.rpartition("/")[2]]
             kind["properties"][name].pop("default", None)
             kind["required"] = sorted({*kind.get("required", []), name})
+    if {"default", "description"} <= part.keys():
+        part.setdefault("examples", [part["default"]])
     _join_null(part)
 
 
