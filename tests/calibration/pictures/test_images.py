@@ -17,8 +17,8 @@ from sawmill_calibration.pictures.pages import painted, window_of
 from sawmill_calibration.pictures.phantom_drawing import phantom_svg
 from sawmill_calibration.pictures.round_numbers import round_length, ticks
 from sawmill_contracts.phantoms import PhantomDrawing
-from sawmill_formats.output.volume_reader import SideView
 from sawmill_vocabulary import ColorMap, Disc, Polygon
+from sawmill_vocabulary.side_view import SideView
 
 PLACE = {"pixel_mm": 0.5, "first_pixel_mm": (60.25, -40.0)}
 

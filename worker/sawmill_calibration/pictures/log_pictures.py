@@ -11,8 +11,8 @@ from PIL import Image
 from sawmill_calibration.pictures import pages
 from sawmill_calibration.pictures.pages import Window, shaded, window_of
 from sawmill_calibration.pictures.round_numbers import ticks
-from sawmill_formats.output.volume_reader import SideView
 from sawmill_vocabulary import ColorMap
+from sawmill_vocabulary.side_view import SideView
 
 TILE_PX = 256
 # Space above each tile for its label, and between two tiles, pixels.
