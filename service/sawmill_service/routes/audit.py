@@ -10,17 +10,13 @@ from sawmill_platform.contracts.base import Page
 from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheStore
 from sawmill_service.http.document.described_answers import SAVED, refuses
-from sawmill_service.http.responses.answers import NumberedPaging
+from sawmill_service.http.responses.answers import NumberedPaging, of_type
 from sawmill_service.http.responses.conditional import check_conditions
 from sawmill_service.http.route_rules import Router
 
+JsonLines = of_type("application/jsonl", StreamingResponse)
+
 router = Router(tags=["keys"], reading=Scope.ADMIN)
-
-
-class JsonLines(StreamingResponse):
-    """Lines of one JSON object each."""
-
-    media_type = "application/jsonl"
 
 
 @router.get("/v1/audit", summary="List who did what, newest first", responses=refuses("invalid-cursor"))

@@ -19,7 +19,7 @@ from sawmill_platform.files.file_store import EXAMPLES
 from sawmill_service.dependencies import TheCaller, TheStore
 from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.problems import Refused
-from sawmill_service.http.responses.answers import file
+from sawmill_service.http.responses.answers import file, of_type
 from sawmill_service.http.responses.drawn import picture
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.frame.page_frame import ThePage, local_path
@@ -30,12 +30,7 @@ from sawmill_service.scanner_conditions import condition_of
 STATIC = Path(__file__).parent.parent / "static"
 
 LONGEST_REASON = 200
-
-
-class JsonText(Response):
-    """A text that is JSON."""
-
-    media_type = "application/json"
+JsonText = of_type("application/json")
 
 
 class WholeFiles(StaticFiles):

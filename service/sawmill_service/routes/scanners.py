@@ -24,7 +24,7 @@ from sawmill_service.http.document.described_answers import LOCATED, NAMED, refu
 from sawmill_service.http.document.old_names import ACTIVATIONS, OLD
 from sawmill_service.http.document.openapi_document import trying
 from sawmill_service.http.repeats import repeatable
-from sawmill_service.http.responses.answers import NumberedPaging, Paging, cursor
+from sawmill_service.http.responses.answers import NumberedPaging, Paging, cursor, of_type
 from sawmill_service.http.responses.conditional import REPLACED, TAGGED, ThePrecondition, tagged
 from sawmill_service.http.route_rules import Router
 from sawmill_service.scanner_conditions import condition_of
@@ -62,12 +62,7 @@ class HistoryPaging(HistoryFilter, Paging):
     after: str | None = cursor("1772429400000000.12", patterns.HISTORY_CURSOR)
 
 
-class Csv(StreamingResponse):
-    """Lines of values, separated by commas."""
-
-    media_type = "text/csv"
-
-
+Csv = of_type("text/csv", StreamingResponse)
 EXAMPLE = {
     "name": "Line 2",
     "constants": {
@@ -171,9 +166,7 @@ def list_history(
     response_class=Csv,
     responses=NAMED | refuses("scanner-not-found"),
 )
-def get_history_file(
-    scanner_id: Identifier, which: Annotated[HistoryFilter, Query()], store: TheStore
-) -> StreamingResponse:
+def get_history_file(scanner_id: Identifier, which: Annotated[HistoryFilter, Query()], store: TheStore) -> Response:
     """Return the same entries, the oldest first, as CSV (RFC 4180) with one line of column names."""
     headers = {
         "Content-Disposition": f'attachment; filename="{scanner_id}-history.csv"',

@@ -23,17 +23,18 @@ from sawmill_service.http.problems import Refused
 from sawmill_service.http.responses.conditional import CACHING, Digests, check_conditions, repr_digest, spans_of, tag_of
 
 
-def _of_type(media_type: str) -> type[Response]:
-    return type("Answer", (Response,), {"media_type": media_type})
+def of_type(media_type: str, base: type[Response] = Response) -> type[Response]:
+    """Make the class of answers of a type."""
+    return type("Answer", (base,), {"media_type": media_type})
 
 
-Png = _of_type("image/png")
-Jpeg = _of_type("image/jpeg")
-Svg = _of_type("image/svg+xml")
-Tiff = _of_type("image/tiff")
-Hdf5 = _of_type("application/x-hdf5")
-Npy = _of_type("application/x-npy")
-Nrrd = _of_type("application/x-nrrd")
+Png = of_type("image/png")
+Jpeg = of_type("image/jpeg")
+Svg = of_type("image/svg+xml")
+Tiff = of_type("image/tiff")
+Hdf5 = of_type("application/x-hdf5")
+Npy = of_type("application/x-npy")
+Nrrd = of_type("application/x-nrrd")
 
 RequestPriority = Annotated[
     Priority,
