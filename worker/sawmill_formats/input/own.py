@@ -19,7 +19,7 @@ from sawmill_formats.input.plausible import LARGEST_ANGLE_DEG
 from sawmill_formats.nexus import CHUNK_BYTES
 from sawmill_formats.output import scan_layout
 from sawmill_formats.output.calibration_file import ANSWER, ARRAYS
-from sawmill_formats.output.scan_reader import OpenScan, open_scan
+from sawmill_formats.output.scan_reader import open_scan
 
 
 def is_own_scan(path: Path) -> bool:
@@ -34,7 +34,11 @@ def is_own_scan(path: Path) -> bool:
             own = _is_marked(file) and numbers(file, scan_layout.DATA, Bounds(MAX_BYTES, CHUNK_BYTES)) is not None
         if own:
             with open_scan(path) as scan:  # a scan that was repacked is read as any other file
-                return _is_plausible(scan)
+                single = all(each is None or each.dtype == np.float32 for each in (scan.data, scan.deviations))
+                pitches_mm = (scan.detector_pitch_mm, scan.row_pitch_mm)
+                distances = all(pitch is None or LEAST_PITCH_MM <= pitch <= LARGEST_PITCH_MM for pitch in pitches_mm)
+                angles = bool((np.abs(np.rad2deg(scan.angles_rad)) <= LARGEST_ANGLE_DEG).all())
+                return single and distances and angles and scan.data.size > 0
     return False
 
 
@@ -45,14 +49,6 @@ def _is_marked(file: h5py.File) -> bool:
         and find(file, scan_layout.PROVENANCE) is not None
     )
     return own and data is not None and attribute_text(data, "long_name") == scan_layout.LINE_INTEGRALS
-
-
-def _is_plausible(scan: OpenScan) -> bool:
-    single = all(each is None or each.dtype == np.float32 for each in (scan.data, scan.deviations))
-    pitches_mm = (scan.detector_pitch_mm, scan.row_pitch_mm)
-    distances = all(pitch is None or LEAST_PITCH_MM <= pitch <= LARGEST_PITCH_MM for pitch in pitches_mm)
-    angles = bool((np.abs(np.rad2deg(scan.angles_rad)) <= LARGEST_ANGLE_DEG).all())
-    return single and distances and angles and scan.data.size > 0
 
 
 class OwnKind(StrEnum):

@@ -234,22 +234,18 @@ def describe_image(
     group.attrs["Spacing"] = np.array(spacing_mm[::-1])
     group.attrs["Direction"] = np.ravel(_ALONG_Y_X_MINUS_Z)
     volume.file.create_group(_POINTS)
-    _add_values(volume, name)
-    volume.file[_POINTS][name].attrs["Attribute"] = np.bytes_("Scalars")
-
-
-def _add_values(values: h5py.Dataset, name: str) -> None:
-    """Give VTK the values (z, x, y) of the pixels; nothing is copied."""
-    source = h5py.VirtualSource(".", values.name, values.shape)
-    if len(values) == 1:
+    # The values (z, x, y) of the pixels; nothing is copied.
+    source = h5py.VirtualSource(".", volume.name, volume.shape)
+    if len(volume) == 1:
         # VTK reads an image of one slice from two axes.
-        layout = h5py.VirtualLayout(values.shape[1:], values.dtype)
+        layout = h5py.VirtualLayout(volume.shape[1:], volume.dtype)
         layout[...] = source[0]
     else:
-        layout = h5py.VirtualLayout(values.shape, values.dtype)
-        for n in range(len(values)):
-            layout[len(values) - 1 - n] = source[n]
-    values.file[_POINTS].create_virtual_dataset(name, layout)
+        layout = h5py.VirtualLayout(volume.shape, volume.dtype)
+        for n in range(len(volume)):
+            layout[len(volume) - 1 - n] = source[n]
+    volume.file[_POINTS].create_virtual_dataset(name, layout)
+    volume.file[_POINTS][name].attrs["Attribute"] = np.bytes_("Scalars")
 
 
 # Words a block of the checksum, whose sums are computed from the blocks' sums.

@@ -141,7 +141,12 @@ class Gunzip:
             part = self._member.unused_data if self._member.eof else self._member.unconsumed_tail
             if self._member.eof:
                 self._member = None
-                self._count_member()
+                self._members += 1
+                if self._members > _FREE_MEMBERS + self._taken // _LEAST_MEMBER_BYTES:
+                    detail = (
+                        f"the body is packed in {self._members} members, each of less than {_LEAST_MEMBER_BYTES} bytes"
+                    )
+                    raise Refused(400, "bad-encoding", f"{detail}: pack the file at once")
 
     def end(self) -> None:
         """Refuse a body that breaks off, and an empty file."""
@@ -149,12 +154,6 @@ class Gunzip:
             raise Refused(400, "bad-encoding", "the body ends in the middle of what gzip packed: send it again")
         if not self._given:
             raise empty_body()
-
-    def _count_member(self) -> None:
-        self._members += 1
-        if self._members > _FREE_MEMBERS + self._taken // _LEAST_MEMBER_BYTES:
-            detail = f"the body is packed in {self._members} members, each of less than {_LEAST_MEMBER_BYTES} bytes"
-            raise Refused(400, "bad-encoding", f"{detail}: pack the file at once")
 
 
 def empty_body() -> Refused:
