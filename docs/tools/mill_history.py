@@ -46,8 +46,7 @@ PHOTONS = 300_000.0
 DRY_WOOD_PER_MM = 0.009
 PHYSICS = Physics(detector=DetectorEffects(gain_spread=0.03, air_of_full_scale=0.8))
 STEADY_MM = 0.2
-SEED = 14
-"""Simulated scans are those of this seed, of their scanner's number and of their day."""
+SEED = 14  # simulated scans are those of this seed, of their scanner's number and of their day
 
 
 @dataclass

@@ -16,6 +16,7 @@ from sawmill_platform.ledger.events import Events
 
 LARGEST_NUMBER = 2**53  # of an event: larger integers are not exact in JavaScript
 
+# Header `Last-Event-ID` of every stream of events.
 LastEventId = Annotated[
     int | None,
     Header(
@@ -27,7 +28,6 @@ LastEventId = Annotated[
         examples=[0],
     ),
 ]
-"""Header `Last-Event-ID` of every stream of events."""
 
 _BATCH = 500
 

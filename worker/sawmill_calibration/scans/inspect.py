@@ -78,10 +78,8 @@ class InspectionInput:
     follow_links: bool = False
     transpose: bool = False
     axes: str | None = None
-    uploaded: bool = False
-    """Whether a service has it, which reads one file alone and has no flags."""
-    pictures: Path | None = None
-    """Folder for a picture of the scan; None: none is drawn, and no projection is read."""
+    uploaded: bool = False  # whether a service has it, which reads one file alone and has no flags
+    pictures: Path | None = None  # folder for a picture of the scan; None: none is drawn, and no projection is read
 
 
 def inspect_file(source: InspectionInput) -> InspectionResult:

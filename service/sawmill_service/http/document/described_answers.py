@@ -136,12 +136,12 @@ _OF_FILES = ("Accept-Ranges", "Content-Disposition", "ETag", "Repr-Digest")
 _GENERATED = "Successful Response"
 _UNCHANGED = "The client already holds these bytes, as `If-None-Match` states."
 
+# Answer of a route that creates a resource at once: `Location` leads to the resource.
 LOCATED: Responses = {201: {"headers": {"Location": {}}}}
-"""Answer of a route that creates a resource at once: `Location` leads to the resource."""
+# Answer that is written while it is sent, to be saved as a file.
 NAMED: Responses = {200: {"headers": {"Content-Disposition": {}}}}
-"""Answer that is written while it is sent, to be saved as a file."""
+# Answer that is written for the request, to be saved as a file.
 SAVED: Responses = {200: {"headers": {"Content-Disposition": {}, "ETag": {}}}, 304: {"description": _UNCHANGED}}
-"""Answer that is written for the request, to be saved as a file."""
 
 
 def offset_answered(status: int = 200, *names: str) -> Responses:

@@ -70,8 +70,7 @@ ACTIVATIONS = OldRoute(
     ),
 )
 OLD_ROUTES = (ACTIVATIONS,)
-OLD: Responses = {200: {"headers": _HEADERS}}
-"""Answer of a deprecated route."""
+OLD: Responses = {200: {"headers": _HEADERS}}  # answer of a deprecated route
 
 
 def _set_headers(response: Response, used: Mapping[str, OutOfUse]) -> None:
