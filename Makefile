@@ -90,11 +90,6 @@ study: bench study-wheel
 study-wheel: install-dev
 	@$(BIN)/python installation/try_wheel.py
 
-# Errors of 800 production logs, about fifteen minutes, and then the drift chart's run lengths with them, about five.
-study-run-lengths: install-dev
-	@$(BIN)/python benchmarks/production_logs.py --logs 375
-	@$(BIN)/python benchmarks/run_lengths.py
-
 openapi: install
 	@$(BIN)/sawmill openapi
 

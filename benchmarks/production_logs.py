@@ -21,9 +21,7 @@ Errors are of u_c on the detector, measured change less true change, mm. Where t
 its mean place.
 
 Each log is one JSON line; a run adds those that are missing, and the table shows all. `--write` writes
-`benchmarks/results/production-logs.json`, if all lines are of the commit that is checked out. Beside the file, one of
-the same name and `.npz` has the errors and covariances of (u_c, tilt) for `run_lengths.py`: there, the logs of a class
-with the same number of views are the looks of one scanner.
+`benchmarks/results/production-logs.json`, if all lines are of the commit that is checked out.
 """
 
 import argparse
@@ -60,8 +58,6 @@ DISTANCE_ERROR_MM, GAIN = 0.5, 0.001
 WOBBLE_MM, SLIDE_MM, SHORTEST_DEG, LONGEST_DEG = 0.3, 1.0, 355.0, 365.0
 MOST_HARDENED, STEEL_PER_MM = 0.1, 0.35
 CORNERS = 96
-# A scanner has at least this number of looks in the study of run lengths.
-FEWEST_LOOKS = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,7 +239,6 @@ def checked(log: Production) -> dict[str, Any]:
         "deviation_mm": float(change.deviation[0]),
         "tilt_rad": float(change.change[1]),
         "tilt_deviation_rad": float(change.deviation[1]),
-        "covariance": change.covariance[:2, :2].tolist(),
         "moved": change.moved,
         "adjustments": list(fit.adjustments),
     }
@@ -311,22 +306,6 @@ def _rms_mm(group: Sequence[dict[str, Any]]) -> float:
     return math.sqrt(float(np.mean([each["error_mm"] ** 2 for each in group if each["views"] == VIEWS[0]])))
 
 
-def write_looks(records: Sequence[dict[str, Any]], path: Path) -> None:
-    """Write the answers as looks at unchanged scanners (`run_lengths.Errors.read`), if a scanner has enough of them."""
-    answered = [each for each in records if "refused" not in each]
-    scanners = Counter((each["class"], each["views"]) for each in answered)
-    names = [name for name, looks in scanners.items() if looks >= FEWEST_LOOKS]
-    looks = [each for each in answered if (each["class"], each["views"]) in names]
-    if not looks:
-        return
-    np.savez(
-        path,
-        mill=np.array([names.index((each["class"], each["views"])) for each in looks]),
-        error=np.array([(each["error_mm"], each["tilt_rad"]) for each in looks]),
-        covariance=np.array([each["covariance"] for each in looks]),
-    )
-
-
 def main() -> None:
     """Add the logs that are missing, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -350,7 +329,6 @@ def main() -> None:
             file.write(json.dumps(records[-1]) + "\n")
             file.flush()
     print(table(records))
-    write_looks(records, options.out.with_suffix(".npz"))
     if measurement is not None:
         check_lines(options.out)
         measurement.write({"production-logs": summary(records)}, timed=False)

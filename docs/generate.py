@@ -215,7 +215,10 @@ def metrics() -> str:
         families: list[Metric] = sorted(app.state.metrics.collect(), key=lambda family: family.name)
         store.close()
     page = "# Metrics\n\nEvery metric of `/metrics`, with its labels.\n\n"
-    rows = ((metric_name(each), each.type, labels_of(each), each.documentation) for each in families)
+    rows = (
+        (code(each.name + "_total" * (each.type == "counter")), each.type, labels_of(each), each.documentation)
+        for each in families
+    )
     return page + table(("metric", "kind", "labels", "what"), rows)
 
 
@@ -223,11 +226,6 @@ async def one_request(app: ASGIApp) -> None:
     """Let a service answer a request, so that it counts one."""
     async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://127.0.0.1") as client:
         await client.get("/health/live")
-
-
-def metric_name(family: Metric) -> str:
-    """Return the name of a metric as Prometheus has it."""
-    return code(family.name + "_total" * (family.type == "counter"))
 
 
 def labels_of(family: Metric) -> str:

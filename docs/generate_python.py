@@ -1,7 +1,6 @@
 """The page of the public names of `sawmill_calibration`, from signatures, docstrings and the contracts of options."""
 
 import inspect
-import json
 import re
 import textwrap
 import typing
@@ -251,13 +250,8 @@ def option_rows(contract: type[BaseModel], prefix: str = "") -> Iterator[tuple[s
             model = typing.get_type_hints(contract)[name]
             yield from option_rows(model, prefix=f"{prefix}{name}.")
             continue
-        default = field.get("default")
-        shown = f"`{default if isinstance(default, str) else json.dumps(default)}`"
-        yield f"`{prefix}{name}`", " or ".join(_values(field, definitions)), _python(shown), _linked(meaning)
-
-
-def _python(default: str) -> str:
-    return {"`null`": "`None`", "`true`": "`True`", "`false`": "`False`"}.get(default, default)
+        values, default = " or ".join(_values(field, definitions)), f"`{field.get('default')}`"
+        yield f"`{prefix}{name}`", values, default, _linked(meaning)
 
 
 def _values(schema: Mapping[str, Any], definitions: Mapping[str, Any]) -> Iterator[str]:

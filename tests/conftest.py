@@ -90,6 +90,13 @@ def one_thread() -> Iterator[None]:
     numba.set_num_threads(before)
 
 
+@pytest.fixture(autouse=True, scope="module")
+def _in_one_thread(request: pytest.FixtureRequest) -> None:
+    """The scans of these rooms are small."""
+    if {"calibration", "command", "jobs"} & set(request.path.relative_to(Path(__file__).parent).parts):
+        request.getfixturevalue("one_thread")
+
+
 @pytest.fixture(scope="session")
 def empty_data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A data folder as it is when the service has started for the first time: to be copied, quicker than migrating."""

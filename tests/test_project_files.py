@@ -16,10 +16,6 @@ FORMS = sorted(set((ROOT / ".github/ISSUE_TEMPLATE").glob("*.yml")) - {ROOT / ".
 MAKEFILE = (ROOT / "Makefile").read_text()
 
 
-def steps(workflow):
-    return [step for job in yaml.safe_load(workflow.read_text())["jobs"].values() for step in job["steps"]]
-
-
 @pytest.mark.parametrize(
     ("schema", "files"),
     [
@@ -46,7 +42,8 @@ def test_the_citation_names_this_version_and_the_paper():
 
 
 def test_workflows_use_two_actions_and_commands_that_exist():
-    used = [step for workflow in WORKFLOWS for step in steps(workflow)]
+    jobs = [job for workflow in WORKFLOWS for job in yaml.safe_load(workflow.read_text())["jobs"].values()]
+    used = [step for job in jobs for step in job["steps"]]
     actions = {step["uses"].split("@")[0] for step in used if "uses" in step}
     assert actions == {"actions/checkout", "actions/setup-python"}
     commands = "\n".join(step.get("run", "") for step in used)

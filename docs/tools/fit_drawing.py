@@ -71,8 +71,7 @@ def main() -> None:
         drawn = drawn.reshape(VIEWS // 2, 2, -1, 2).mean(axis=(1, 3))
         panel.imshow(drawn, aspect="auto", interpolation="nearest", **colours)
         panel.set_title(caption, fontsize=14)
-        panel.set_xticks([])
-        panel.set_yticks([])
+        panel.set(xticks=[], yticks=[])
     panels[0].set_xlabel("along the detector", fontsize=12)
     panels[0].set_ylabel("one turn, from top to bottom", fontsize=12)
     path = folder / "fit.png"

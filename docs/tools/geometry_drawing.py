@@ -57,6 +57,12 @@ def in_picture(points: FloatArray) -> FloatArray:
     return points @ PICTURE
 
 
+def show(axes: Axes, **limits: tuple[float, float]) -> None:
+    """Show the whole drawing, or as much as `xlim` and `ylim` say, without the axes themselves."""
+    axes.set(aspect="equal", **limits)
+    axes.axis("off")
+
+
 def line(axes: Axes, start: FloatArray, end: FloatArray, **style: object) -> None:
     """Draw a line between two points, mm."""
     axes.plot(*np.stack([start, end], -1), **{"lw": 0.8, "color": GREY, **style})
@@ -102,10 +108,7 @@ def ground(axes: Axes, geometry: FanBeamGeometry, title: str) -> tuple[FloatArra
         axes.plot(*point, "o", color="black", markersize=3.5)
         axes.annotate(name, point, xytext=beside, textcoords="offset points", fontsize=9)
     axes.set_title(title, fontsize=10)
-    axes.set_aspect("equal")
-    axes.set_xlim(-520.0, 620.0)
-    axes.set_ylim(-520.0, 560.0)
-    axes.axis("off")
+    show(axes, xlim=(-520.0, 620.0), ylim=(-520.0, 560.0))
     return source, centre, axis
 
 
@@ -187,8 +190,7 @@ def draw_ray_error(axes: Axes) -> None:
         ((-350.0, -130.0), "nine distances on each ray inside\nthe log: their RMS is the ray error", BLUE),
     ):
         axes.text(*place, words, color=colour, ha="center", va="top", fontsize=11)
-    axes.set_aspect("equal")
-    axes.axis("off")
+    show(axes)
 
 
 def places(

@@ -108,8 +108,7 @@ def hardening(disc: Disc) -> Figure:
         ring = [image[acrylic & (abs(RADIUS_MM - radius) < 0.5)] for radius in rings]
         profile.plot(rings, [values.mean() if len(values) else np.nan for values in ring], label=title)
     profile.set_ylim(bottom=0.0)
-    profile.set_xlabel("distance from the axis, mm")
-    profile.set_title("mean of the acrylic, 1/mm")
+    profile.set(xlabel="distance from the axis, mm", title="mean of the acrylic, 1/mm")
     profile.legend(loc="lower left")
     return figure
 

@@ -25,7 +25,7 @@ from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
 from sawmill_contracts.schedules import ScheduleSpec
 from sawmill_store.store import Store
-from sawmill_tomography.geometry.geometry import FanBeamGeometry, Scanner, Theta
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, Scanner
 from sawmill_tomography.phantoms.built_in import L_SHAPE
 from sawmill_tomography.phantoms.log_model import LogModel
 from sawmill_tomography.phantoms.phantom import Phantom
@@ -46,8 +46,7 @@ PHOTONS = 300_000.0
 DRY_WOOD_PER_MM = 0.009
 PHYSICS = Physics(detector=DetectorEffects(gain_spread=0.03, air_of_full_scale=0.8))
 STEADY_MM = 0.2
-SEED = 14
-"""Simulated scans are those of this seed, of their scanner's number and of their day."""
+SEED = 14  # simulated scans are those of this seed, of their scanner's number and of their day
 
 
 @dataclass
@@ -115,10 +114,12 @@ class _Scans:
         """Simulate counts as an NXtomo file: the phantom's rows, where it is on the log, then the log's."""
         bodies = [_phantom()] * (PHANTOM_ROWS if phantom else 0)
         bodies += [self.log.slice_at(examples.LOG_START_MM + row * ROW_PITCH_MM) for row in range(log_rows)]
-        angles = examples.full_turn(VIEWS)
+        angles, frame = examples.full_turn(VIEWS), examples.THETA.source_frame(SCANNER.source_to_cor_mm)
+        # The COR moves along the detector.
+        moved = replace(frame, cor_column_mm=frame.cor_column_mm + self.line.moved_mm(day))
         stack = simulate_stack(
             bodies,
-            FanBeamGeometry(SCANNER, theta_at(self.line.moved_mm(day)), angles),
+            FanBeamGeometry(SCANNER, moved.theta(SCANNER.source_to_cor_mm), angles),
             PHYSICS,
             photons=PHOTONS,
             seed=SEED + self.seed,
@@ -127,12 +128,6 @@ class _Scans:
             path = Path(folder) / "scan.h5"
             write_simulated_scan(path, stack, angles, SCANNER, ROW_PITCH_MM)
             return path.read_bytes()
-
-
-def theta_at(moved_mm: float) -> Theta:
-    """Return the example's geometry with its COR moved along the detector."""
-    frame = examples.THETA.source_frame(SCANNER.source_to_cor_mm)
-    return replace(frame, cor_column_mm=frame.cor_column_mm + moved_mm).theta(SCANNER.source_to_cor_mm)
 
 
 def _phantom() -> Phantom:

@@ -38,12 +38,6 @@ def imported_by(package: str) -> set[str]:
     return found - {package}
 
 
-def sentence_of(package: str) -> str:
-    """Read the first sentence of a package's docstring."""
-    text = ast.get_docstring(ast.parse((folder_of(package) / "__init__.py").read_text())) or ""
-    return text.splitlines()[0].split(". ")[0].rstrip(".")
-
-
 def drawing() -> str:
     """Draw the packages as an SVG."""
     packages = [package for layer in layers() for package in layer]
@@ -55,10 +49,12 @@ def drawing() -> str:
     for number, package in enumerate(packages):
         y = TOP + ROW * number
         imported = imported_by(package)
+        text = ast.get_docstring(ast.parse((folder_of(package) / "__init__.py").read_text())) or ""
+        role = text.splitlines()[0].split(". ")[0].rstrip(".")
         root = folder_of(package).parent.name
         parts.append(f'<rect x="10" y="{y}" width="{DOTS - 20}" height="{ROW - 8}" rx="6" class="{root}"/>')
         parts.append(f'<text x="22" y="{y + 23}" class="name">{package}</text>')
-        parts.append(f'<text x="{NAMES}" y="{y + 23}" class="role">{escape(sentence_of(package))}</text>')
+        parts.append(f'<text x="{NAMES}" y="{y + 23}" class="role">{escape(role)}</text>')
         for place, other in enumerate(packages):
             x, middle = DOTS + STEP * place + STEP / 2, y + (ROW - 8) / 2
             if other == package:

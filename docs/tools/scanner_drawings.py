@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from geometry_drawing import BLUE, GREY, ORIGIN, RED, arc, dimension, line, plt, same_every_time, write
+from geometry_drawing import BLUE, GREY, ORIGIN, RED, arc, dimension, line, plt, same_every_time, show, write
 from matplotlib.axes import Axes
 
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray, Scanner, Theta, cell_borders_mm
@@ -78,9 +78,7 @@ def draw_scanner(axes: Axes, words: dict[str, str]) -> None:
     if "measured" in words:
         measured_and_found(axes, words, source, centre, axis)
     low, high = axes.get_ylim()
-    axes.set_ylim(low, max(high, named["detector"][1] + 45.0))
-    axes.set_aspect("equal")
-    axes.axis("off")
+    show(axes, ylim=(low, max(high, named["detector"][1] + 45.0)))
     axes.margins(0.03)
 
 
@@ -128,10 +126,7 @@ def draw_hypotheses(panels: "np.ndarray[tuple[int, int], np.dtype[np.object_]]")
             axes.plot(235.0 * math.cos(first), 235.0 * math.sin(first), "o", color="black", markersize=6)
             axes.plot(0.0, 0.0, "+", color="black", markersize=9)
             axes.set_title(f"handedness {seen}, rotation {rotation}", fontsize=10)
-            axes.set_aspect("equal")
-            axes.set_xlim(-270.0, 270.0)
-            axes.set_ylim(-270.0, 270.0)
-            axes.axis("off")
+            show(axes, xlim=(-270.0, 270.0), ylim=(-270.0, 270.0))
 
 
 def draw_measured_phantom(axes: Axes) -> None:
@@ -155,10 +150,7 @@ def draw_measured_phantom(axes: Axes) -> None:
         fontsize=12,
         rotation=90,
     )
-    axes.set_xlim(left - 110.0, right + 20.0)
-    axes.set_ylim(low - 110.0, high + 20.0)
-    axes.set_aspect("equal")
-    axes.axis("off")
+    show(axes, xlim=(left - 110.0, right + 20.0), ylim=(low - 110.0, high + 20.0))
 
 
 def draw_mounting(panels: "np.ndarray[tuple[int], np.dtype[np.object_]]") -> None:
@@ -169,10 +161,7 @@ def draw_mounting(panels: "np.ndarray[tuple[int], np.dtype[np.object_]]") -> Non
     draw_phantom_on_a_turntable(slanting, slope=0.22)
     for axes, right in ((on_the_log, True), (upright, True), (slanting, False)):
         mark(axes, right=right, place=np.array([185.0, 205.0]))
-        axes.set_xlim(-240.0, 240.0)
-        axes.set_ylim(-215.0, 240.0)
-        axes.set_aspect("equal")
-        axes.axis("off")
+        show(axes, xlim=(-240.0, 240.0), ylim=(-215.0, 240.0))
 
 
 def draw_phantom_on_a_log(axes: Axes) -> None:
@@ -227,10 +216,7 @@ def draw_outlines(panels: "np.ndarray[tuple[int], np.dtype[np.object_]]") -> Non
         for corners in drawn.outlines():
             axes.plot(*sideways(np.vstack([corners, corners[:1]])).T, color=ORANGE, lw=2.5, zorder=3)
         mark(axes, right=right, place=np.array([0.0, 178.0]))
-        axes.set_xlim(-192.0, 192.0)
-        axes.set_ylim(-155.0, 205.0)
-        axes.set_aspect("equal")
-        axes.axis("off")
+        show(axes, xlim=(-192.0, 192.0), ylim=(-155.0, 205.0))
 
 
 def main() -> None:

@@ -77,7 +77,11 @@ def create(
         made = store.keys.create(ask)
         _show(made, as_json=as_json)
         if display and url is not None:
-            _show_link(f"{url.rstrip('/')}/login/{store.sessions.invite(made.id)}")
+            import segno
+
+            link = f"{url.rstrip('/')}/login/{store.sessions.invite(made.id)}"
+            say(f"The display opens this link within ten minutes, once: {link}")
+            segno.make_qr(link).terminal(out=sys.stderr, compact=True)
         elif display:
             say("With --url ADDRESS or SAWMILL_PUBLIC_URL, a link for the display would be printed as a QR code.")
 
@@ -91,7 +95,8 @@ def list_keys(data: Data = None, as_json: AsJson = False) -> None:
         print_json({"items": [key.model_dump(mode="json") for key in keys], "next": None})
         return
     for key in keys:
-        typer.echo(f"{key.id}  {key.scope:8}  {_standing(key):30}  {_use(key):27}  {key.name}")
+        used = "never used" if key.last_used_at is None else f"used {key.last_used_at:%Y-%m-%d %H:%M} UTC"
+        typer.echo(f"{key.id}  {key.scope:8}  {_standing(key):30}  {used:27}  {key.name}")
     if not keys:
         say("There is no key yet: sawmill key create --name NAME --scope SCOPE makes one.")
 
@@ -155,13 +160,6 @@ def _show(key: NewKey, *, as_json: bool) -> None:
     typer.echo(key.secret)
 
 
-def _show_link(link: str) -> None:
-    import segno
-
-    say(f"The display opens this link within ten minutes, once: {link}")
-    segno.make_qr(link).terminal(out=sys.stderr, compact=True)
-
-
 def _standing(key: Key) -> str:
     if key.revoked_at is not None:
         return f"revoked {key.revoked_at:%Y-%m-%d}"
@@ -169,7 +167,3 @@ def _standing(key: Key) -> str:
         return "never expires"
     ended = key.expires_at <= datetime.now(UTC)
     return f"{'expired' if ended else 'expires'} {key.expires_at:%Y-%m-%d %H:%M} UTC"
-
-
-def _use(key: Key) -> str:
-    return "never used" if key.last_used_at is None else f"used {key.last_used_at:%Y-%m-%d %H:%M} UTC"

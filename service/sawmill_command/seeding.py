@@ -30,7 +30,6 @@ from sawmill_platform.files.file_store import EXAMPLES
 from sawmill_platform.uploads.upload_store import UploadQuota
 from sawmill_store.examples import EXAMPLE, PAIR_FILES, SCANNER_NAMES, SPARE, SPARSE
 from sawmill_store.requests.asked import NOTHING, Asked
-from sawmill_store.scans.scans import Scans
 from sawmill_store.store import Store
 from sawmill_vocabulary import DataKind, Polygon, ReconstructionMethod, Theta
 
@@ -65,8 +64,20 @@ def seed_examples(store: Store) -> None:
     for identifier in {EXAMPLE, SPARE} - {item.id for item in store.scanners.page().items}:
         store.scanners.create(ScannerSpec(name=SCANNER_NAMES[identifier], constants=CONSTANTS), scanner_id=identifier)
     if SPARE not in {item.id for item in store.phantoms.page().items}:
-        store.phantoms.create(_spare_phantom(), phantom_id=SPARE)
-    _seed_scans(store.scans)
+        cross = [(-100, -30), (-30, -30), (-30, -120), (40, -120), (40, -30), (100, -30), (100, 30), (-100, 30)]
+        tee = Polygon(vertices_mm=tuple((float(x), float(y)) for x, y in cross))
+        store.phantoms.create(PhantomDrawing(name="example tee", shapes=[tee]), phantom_id=SPARE)
+    existing = {item.id for item in store.scans.page().items}
+    for identifier in (each for each in (SPARE, EXAMPLE) if each not in existing):
+        spec = ScanSpec(
+            scanner_id=EXAMPLE,
+            data=DataKind.COUNTS,
+            name="example: a log with the L-shaped phantom on its end",
+            phantom_id=L_SHAPE,
+            phantom_rows=f"0:{PHANTOM_ROWS}",
+        )
+        received = store.files.receive([(RECORDED / STACK_FILE).read_bytes()], max_bytes=2**30)
+        store.scans.accept(spec, received, scan_id=identifier, priority=Priority.BACKGROUND)
     inspected = {SPARE: PHANTOM_FILE, EXAMPLE: PHANTOM_FILE, **RECORDED_PAIRS}
     for identifier in inspected.keys() - {item.id for item in store.inspections.page().items}:
         name = inspected[identifier]
@@ -118,25 +129,3 @@ def _ask_once(
     """Request an example in the background, unless it was requested before."""
     if identifier not in {item.id for item in requests.page().items}:
         requests.accept(ask, identifier=identifier, job_id=job_id, priority=Priority.BACKGROUND, given=given)
-
-
-def _spare_phantom() -> PhantomDrawing:
-    cross = [(-100, -30), (-30, -30), (-30, -120), (40, -120), (40, -30), (100, -30), (100, 30), (-100, 30)]
-    return PhantomDrawing(
-        name="example tee", shapes=[Polygon(vertices_mm=tuple((float(x), float(y)) for x, y in cross))]
-    )
-
-
-def _seed_scans(scans: Scans) -> None:
-    existing = {item.id for item in scans.page().items}
-    for identifier in (SPARE, EXAMPLE):
-        if identifier not in existing:
-            spec = ScanSpec(
-                scanner_id=EXAMPLE,
-                data=DataKind.COUNTS,
-                name="example: a log with the L-shaped phantom on its end",
-                phantom_id=L_SHAPE,
-                phantom_rows=f"0:{PHANTOM_ROWS}",
-            )
-            received = scans.files.receive([(RECORDED / STACK_FILE).read_bytes()], max_bytes=2**30)
-            scans.accept(spec, received, scan_id=identifier, priority=Priority.BACKGROUND)

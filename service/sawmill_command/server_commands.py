@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from sawmill_command.data_option import Data
+from sawmill_command.data_option import Data, wrong_variables_refused
 from sawmill_platform.attempts.importing import importing
 from sawmill_worker.commands.terminal import Command, OneOf, print_json, say
 
@@ -17,9 +17,7 @@ app = typer.Typer()
 
 @app.command(cls=Command)
 def serve(
-    data: Annotated[
-        Path | None, typer.Option(help="Data folder; SAWMILL_DATA_FOLDER or the default otherwise.")
-    ] = None,
+    data: Data = None,
     host: Annotated[
         str | None, typer.Option(help="Address to listen on; loopback by default, another needs SAWMILL_TOKEN.")
     ] = None,
@@ -34,7 +32,7 @@ def serve(
         from sawmill_command.seeding import seed_examples
         from sawmill_platform.errors import StorageError
         from sawmill_platform.settings import StorageSettings
-        from sawmill_platform.workers.settings import ExecutionSettings, WrongVariableError, variables_checked
+        from sawmill_platform.workers.settings import ExecutionSettings
         from sawmill_service.http.listening import ListenError
         from sawmill_service.serving import serve_until_stopped
         from sawmill_service.settings import ServiceSettings
@@ -42,11 +40,8 @@ def serve(
     for name, value in (("DATA_FOLDER", data), ("HOST", host), ("PORT", port), ("WORKERS", workers or None)):
         if value is not None:
             os.environ[f"SAWMILL_{name}"] = str(value)
-    try:
-        with variables_checked():
-            settings, storage, execution = ServiceSettings(), StorageSettings(), ExecutionSettings()
-    except WrongVariableError as error:
-        raise typer.BadParameter(str(error)) from error
+    with wrong_variables_refused():
+        settings, storage, execution = ServiceSettings(), StorageSettings(), ExecutionSettings()
     seed = seed_examples if examples else None
     # The database has the secrets of webhooks in clear.
     os.umask(0o077)

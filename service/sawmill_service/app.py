@@ -197,6 +197,6 @@ def _all_routes() -> list[BaseRoute]:
         generate_unique_id_function=lambda route: route.name,
         dependencies=[Depends(check) for check in (check_method, check_scope, check_csrf, check_query, check_body)],
     )
-    for router in (*asked.routers(), *(routes.router for routes in ROUTERS), *PAGES):
+    for router in (*map(asked.router_of, asked_kinds()), *(routes.router for routes in ROUTERS), *PAGES):
         every.include_router(router)
     return every.routes

@@ -16,6 +16,7 @@ from sawmill_platform.ledger.events import Events
 
 LARGEST_NUMBER = 2**53  # of an event: larger integers are not exact in JavaScript
 
+# Header `Last-Event-ID` of every stream of events.
 LastEventId = Annotated[
     int | None,
     Header(
@@ -27,7 +28,6 @@ LastEventId = Annotated[
         examples=[0],
     ),
 ]
-"""Header `Last-Event-ID` of every stream of events."""
 
 _BATCH = 500
 
@@ -70,7 +70,9 @@ class EventFeed:
     async def after(self, number: int, scanner_id: str | None = None) -> tuple[int, Sequence[Event]]:
         """Return the events after a number, and the number up to which these events are complete."""
         await self._poll()
-        if self._away or self._hangs():
+        polling_since_s = self._polling_since_s
+        hangs = polling_since_s is not None and time.monotonic() - polling_since_s > self._patience_s
+        if self._away or hangs:
             raise StorageUnavailable("the database does not answer")
         if self._reader is None:  # the first read, for another stream, has not ended
             return number, ()
@@ -103,9 +105,6 @@ class EventFeed:
             raise
         finally:
             self._polling_since_s = None
-
-    def _hangs(self) -> bool:
-        return self._polling_since_s is not None and time.monotonic() - self._polling_since_s > self._patience_s
 
     def _keep(self, events: Sequence[Event]) -> None:
         for event in events:

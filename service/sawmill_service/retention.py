@@ -18,7 +18,7 @@ from sawmill_contracts.retention import (
 )
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import Conflict
-from sawmill_service.dependencies import TheRetention
+from sawmill_service.dependencies import TheStore
 from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.bodies.sent_json import Sent
 from sawmill_service.http.document.described_answers import refuses
@@ -27,6 +27,7 @@ from sawmill_service.http.responses.conditional import REPLACED, TAGGED, ThePrec
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.frame.languages import marked, plain_number
 from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
+from sawmill_store.retention.retention_store import RetentionStore
 
 KINDS = {
     RetentionKind.LOG_SCANS: marked("Scans of logs"),
@@ -44,22 +45,22 @@ pages = Router(include_in_schema=False, reading=Scope.ADMIN)
 
 
 @router.get("", summary="Get the rules of retention", responses=TAGGED)
-def get_retention(retention: TheRetention, response: Response) -> Retention:
+def get_retention(store: TheStore, response: Response) -> Retention:
     """Return how long each kind is kept, and what has been removed so far. Without rules everything is kept."""
-    return tagged(response, retention.get())
+    return tagged(response, store.retention.get())
 
 
 @router.get(
     "/preview", needs=Scope.ADMIN, summary="Show what would go by rules", openapi_extra=trying(log_scans_days=14)
 )
-def preview_retention(tried: Annotated[RetentionQuery, Query()], retention: TheRetention) -> RetentionPreview:
+def preview_retention(tried: Annotated[RetentionQuery, Query()], store: TheStore) -> RetentionPreview:
     """Count objects that the query's rules, or else the rules in force, would remove within the next hour.
 
     Nothing is removed. The rules can be put into force with `number` for an hour, although objects age in that time.
     An active calibration, the one before it and their scans are never removed; `stays` counts what is kept.
     """
     rules = RetentionRules(**tried.model_dump())
-    return retention.preview(rules if rules.days() else retention.get().rules)
+    return store.retention.preview(rules if rules.days() else store.retention.get().rules)
 
 
 @router.put(
@@ -70,13 +71,13 @@ def preview_retention(tried: Annotated[RetentionQuery, Query()], retention: TheR
     responses=REPLACED | refuses("retention-unconfirmed"),
 )
 def replace_retention(
-    ask: Sent[RetentionRequest], retention: TheRetention, precondition: ThePrecondition, response: Response
+    ask: Sent[RetentionRequest], store: TheStore, precondition: ThePrecondition, response: Response
 ) -> Retention:
     """Put rules into force from now on, unless they remove more at once than `remove_at_most`.
 
     Objects beyond the rules are removed at once, in small batches, and others later when they are.
     """
-    return tagged(response, retention.replace(ask, check=precondition))
+    return tagged(response, store.retention.replace(ask, check=precondition))
 
 
 class Typed(NamedTuple):
@@ -93,32 +94,34 @@ class Typed(NamedTuple):
 
 
 @pages.get(PAGE)
-def show(page: ThePage, retention: TheRetention) -> HTMLResponse:
+def show(page: ThePage, store: TheStore) -> HTMLResponse:
     """Show the rules in force, and the form for new ones."""
-    return _answer(page, retention)
+    return _answer(page, store.retention)
 
 
 @pages.post(PAGE, needs=Scope.ADMIN)
-def try_rules(page: ThePage, retention: TheRetention, sent: TheForm) -> HTMLResponse:
+def try_rules(page: ThePage, store: TheStore, sent: TheForm) -> HTMLResponse:
     """Show what typed rules would remove, or the form again with what is wrong; nothing is removed."""
     typed = _typed(sent)
     if typed.wrong:
-        return _answer(page, retention, status=422, typed=typed)
-    return _answer(page, retention, typed=typed, preview=retention.preview(typed.rules()))
+        return _answer(page, store.retention, status=422, typed=typed)
+    return _answer(page, store.retention, typed=typed, preview=store.retention.preview(typed.rules()))
 
 
 @pages.post(f"{PAGE}/confirmed", needs=Scope.ADMIN, response_model=None)
-def confirm(page: ThePage, retention: TheRetention, sent: TheForm) -> HTMLResponse | RedirectResponse:
+def confirm(page: ThePage, store: TheStore, sent: TheForm) -> HTMLResponse | RedirectResponse:
     """Put the rules into force, or show the new number if they would now remove more than was confirmed."""
     typed = _typed(sent)
     if typed.wrong:
-        return _answer(page, retention, status=422, typed=typed)
+        return _answer(page, store.retention, status=422, typed=typed)
     rules = typed.rules()
     try:
         confirmed = {"remove_at_most": sent.get("remove_at_most", 0)}
-        retention.replace(RetentionRequest.model_validate(rules.model_dump() | confirmed))
+        store.retention.replace(RetentionRequest.model_validate(rules.model_dump() | confirmed))
     except (Conflict, ValidationError):
-        return _answer(page, retention, status=409, typed=typed, preview=retention.preview(rules), changed=True)
+        return _answer(
+            page, store.retention, status=409, typed=typed, preview=store.retention.preview(rules), changed=True
+        )
     return RedirectResponse(PAGE, status_code=303)
 
 
@@ -133,7 +136,7 @@ def _is_days(plain: str) -> bool:
 
 def _answer(
     page: PageFrame,
-    retention: TheRetention,
+    retention: RetentionStore,
     *,
     status: int = 200,
     typed: Typed | None = None,

@@ -12,13 +12,16 @@ from fastapi.concurrency import run_in_threadpool
 from pydantic import Field
 
 from sawmill_platform.contracts.base import Identifier
+from sawmill_platform.contracts.given import Given
+from sawmill_platform.contracts.jobs import Priority
 from sawmill_platform.errors import UploadTooLarge
 from sawmill_platform.files.upload_stream import Received, in_parts
 from sawmill_platform.uploads.upload_store import Uploads
-from sawmill_service.dependencies import TheInspections, TheUploads
+from sawmill_service.dependencies import TheStore
 from sawmill_service.http.bodies.body_sums import BodySums
 from sawmill_service.http.bodies.sent_content import FirstBytes, SentContent, empty_body
 from sawmill_service.http.problems import Refused
+from sawmill_service.http.responses.answers import RequestPriority
 from sawmill_store.scans.scans import Inspections
 
 # Repeated files are not urgent: they do not take the threads of other requests.
@@ -28,11 +31,23 @@ InspectionId = Annotated[
     Identifier | None,
     Field(description="Id of an inspection whose file is used: the body is empty, and nothing is sent again."),
 ]
-
 UploadId = Annotated[
     Identifier | None,
     Field(description="Id of an upload in parts that is used: the body is empty, and the upload is used up."),
 ]
+
+
+class FileQuery(Given):
+    """Part of a query that names an earlier file, or none where the file is in the body, and the job's priority."""
+
+    priority: RequestPriority = Priority.INTERACTIVE
+    inspection_id: InspectionId = None
+    upload_id: UploadId = None
+
+    @property
+    def sends_file(self) -> bool:
+        """True if the file is in the body."""
+        return self.inspection_id is None and self.upload_id is None
 
 
 @dataclass(frozen=True)
@@ -69,8 +84,8 @@ class Reception:
         )
 
 
-async def _reception(request: Request, inspections: TheInspections, uploads: TheUploads) -> Reception:
-    return Reception(request, inspections, uploads)
+async def _reception(request: Request, store: TheStore) -> Reception:
+    return Reception(request, store.inspections, store.uploads)
 
 
 TheReception = Annotated[Reception, Depends(_reception)]

@@ -35,18 +35,14 @@ class Scans:
 
 
 @pytest.fixture(scope="module")
-def lines():
+def scans(tmp_path_factory):
+    """Counts whose gain differs from row to row by 5 %; a third of the views is short of one to six rows, moved up."""
     frame, cells = THETA.source_frame(SCANNER.source_to_cor_mm), DetectorCells.of(SCANNER)
     board = to_phantom(drawing_of("l-shape")).moved(12.0, -8.0).of_density(SAPWOOD_PER_MM)
     log = LogModel.random(1)
     bodies = [board, *(log.slice_at(20.0 + 3.0 * row) for row in range(ROWS - BOARD))]
     rows = [analytic.project(body, cells, frame, ANGLES) for body in bodies]
-    return np.stack([rows[0]] * BOARD + rows[1:], axis=1)
-
-
-@pytest.fixture(scope="module")
-def scans(lines, tmp_path_factory):
-    """Counts whose gain differs from row to row by 5 %; a third of the views is short of one to six rows, moved up."""
+    lines = np.stack([rows[0]] * BOARD + rows[1:], axis=1)
     rng = np.random.default_rng(81)
     gain = PHOTONS * (1.0 + 0.05 * rng.standard_normal((ROWS, 1)) + 0.03 * rng.standard_normal(lines.shape[1:]))
     counts = (rng.poisson(0.98 * gain * np.exp(-lines)) + DARK).astype(np.float32)
@@ -81,12 +77,6 @@ def mended(scans):
     return read(scans.lost, align_rows="profile")
 
 
-@pytest.fixture(scope="module")
-def calibrations(whole, mended):
-    """With the board, without the loss and with it; at 0.1 mm either is at the border of a pass."""
-    return [sawmill.calibrate(scan, "l-shape", seed=1, tolerance_mm=0.2) for scan in (whole, mended)]
-
-
 def test_every_row_keeps_its_number_and_its_own_views(whole, mended, scans):
     assert mended.rows == (0, ROWS)
     np.testing.assert_array_equal(~np.isnan(mended.line_integrals[:, :, 0]), scans.there)
@@ -96,7 +86,9 @@ def test_every_row_keeps_its_number_and_its_own_views(whole, mended, scans):
     assert moved in mended.remarks[-1]
 
 
-def test_the_calibration_uses_all_rows_of_the_board_and_is_as_good(calibrations):
+def test_the_calibration_uses_all_rows_of_the_board_and_is_as_good(whole, mended):
+    # At 0.1 mm either is at the border of a pass.
+    calibrations = [sawmill.calibrate(scan, "l-shape", seed=1, tolerance_mm=0.2) for scan in (whole, mended)]
     without, with_loss = calibrations
     assert (with_loss.result.rows, with_loss.result.views) == ((0, BOARD), VIEWS)
     assert with_loss.verdict == without.verdict, with_loss.result.reasons

@@ -21,6 +21,7 @@ from sawmill_tomography.geometry.geometry import FanBeamGeometry, Theta, to_vect
 from sawmill_tomography.phantoms.phantom import Disc, Phantom
 from sawmill_tomography.projection.analytic import DetectorCells, project
 from sawmill_tomography.reconstruction.choosing import METHODS
+from sawmill_tomography.reconstruction.quality import relative_error
 from sawmill_vocabulary import ReconstructionMethod
 
 pytestmark = pytest.mark.slow
@@ -61,10 +62,6 @@ def reconstruct(tmp_path):
     return run
 
 
-def relative(image, other):
-    return float(np.linalg.norm(image - other) / np.linalg.norm(other))
-
-
 # Tikhonov explains whatever it is given while there are more pixels than rays; FBP fits only many views.
 @pytest.mark.parametrize(
     ("method", "views", "times"), [*((method, 60, 1.5) for method in ITERATIVE), ("fbp", 180, 1.3)]
@@ -73,7 +70,7 @@ def test_a_wrong_geometry_shows_in_the_misfit(log, reconstruct, theta, method, v
     given = log(views=views)
     right, volume = reconstruct(given, method=method)
     assert right.method.name == method
-    assert relative(volume[0], LOG.rasterise(SIZE, FIELD_MM)) < 0.35
+    assert relative_error(volume[0], LOG.rasterise(SIZE, FIELD_MM)) < 0.35
     off = Theta.from_vector(to_vector(theta) + to_vector(TAPE))
     wrong, _ = reconstruct(replace(given, theta=off), method=method)
     assert wrong.method.data_misfit > times * right.method.data_misfit
@@ -81,7 +78,9 @@ def test_a_wrong_geometry_shows_in_the_misfit(log, reconstruct, theta, method, v
 
 def test_few_views_are_explained_better_than_filtered(log, reconstruct):
     truth = LOG.rasterise(SIZE, FIELD_MM)
-    errors = {method: relative(reconstruct(log(), method=method)[1][0], truth) for method in ("fbp", "cauchy_map")}
+    errors = {
+        method: relative_error(reconstruct(log(), method=method)[1][0], truth) for method in ("fbp", "cauchy_map")
+    }
     assert errors["cauchy_map"] < 0.5 * errors["fbp"]
 
 
@@ -90,7 +89,7 @@ def test_few_views_are_explained_better_than_filtered(log, reconstruct):
 def test_a_good_fbp_has_no_remarks(log, reconstruct, views, noise):
     """Whatever its misfit: without filtering and pixels it would be 1."""
     good, volume = reconstruct(log(views=views, noise=noise))
-    assert relative(volume[0], LOG.rasterise(SIZE, FIELD_MM)) < 0.5
+    assert relative_error(volume[0], LOG.rasterise(SIZE, FIELD_MM)) < 0.5
     assert good.method.data_misfit > 1.2
     assert not good.method.remarks
 
@@ -131,7 +130,7 @@ def test_a_background_is_taken_out_before_slices_are_fitted_to_the_data(log, rec
     plain, expected = reconstruct(log(), method="tikhonov")
     levelled, volume = reconstruct(log(background=3.0), method="tikhonov")
     # The background is known to a hundredth of the noise: thousands of samples of air.
-    assert relative(volume, expected) < 0.02
+    assert relative_error(volume, expected) < 0.02
     assert any("background" in remark for remark in levelled.method.remarks)
     assert not any("background" in remark for remark in plain.method.remarks)
 
@@ -143,7 +142,7 @@ def test_a_region_of_interest_is_cut_out_of_all_that_was_scanned(log, reconstruc
     assert any("cut out" in remark for remark in region.method.remarks)
     assert part.shape == (1, 16, 16)
     # Without the wood around it the region would be explained by far too much attenuation.
-    assert relative(part[0], LOG.rasterise(SIZE, FIELD_MM)[22:38, 18:34]) < 0.2
+    assert relative_error(part[0], LOG.rasterise(SIZE, FIELD_MM)[22:38, 18:34]) < 0.2
     assert region.method.data_misfit < 1.5
 
 
@@ -171,7 +170,7 @@ def test_rows_wider_than_the_middle_one_keep_their_wood(log, reconstruct):
     _, together = reconstruct(replace(given, read=flared), **asked)
     _, alone = reconstruct(replace(given, read=lambda _, __: flared(0, 1), rows=(0, 1)), **asked)
     # The larger field has more empty pixels to share the noise with; without the wood around it, all would be wrong.
-    assert relative(together[0], alone[0]) < 0.1
+    assert relative_error(together[0], alone[0]) < 0.1
 
 
 def test_what_is_chosen_is_the_same_along_the_log(log, reconstruct):
@@ -179,7 +178,7 @@ def test_what_is_chosen_is_the_same_along_the_log(log, reconstruct):
     result, volume = reconstruct(log(rows=17), method="cauchy_map", size=24)
     again, single = reconstruct(log(rows=17), method="cauchy_map", size=24, sigma=result.method.sigma)
     # Sigma is a factor times each slice's own noise, here equal to some per cent.
-    assert relative(volume, single) < 0.05
+    assert relative_error(volume, single) < 0.05
     assert again.method.sigma == pytest.approx(result.method.sigma, rel=0.05)
 
 
@@ -199,7 +198,7 @@ def test_slices_that_show_nothing_are_empty_and_the_others_as_without_them(log, 
     result, volume = reconstruct(without(given, *empty), **asked)
     assert not volume[nothing].any()
     # They share the choice of the middle slice and, but for rounding, nothing else.
-    assert relative(volume[~nothing], whole[~nothing]) < 1e-3
+    assert relative_error(volume[~nothing], whole[~nothing]) < 1e-3
     report = result.method
     assert np.isfinite([report.noise, report.data_misfit, report.worst_data_misfit]).all()
     assert report.worst_data_misfit > 0.0
@@ -240,7 +239,7 @@ def test_counts_are_weighted_by_their_photons(log, reconstruct):
     plain, same = reconstruct(log(), method="cauchy_map")
     assert weighted.unit == "1/mm"
     assert weighted.method.noise > 1.2 * plain.method.noise
-    assert relative(volume, same) > 0.01
+    assert relative_error(volume, same) > 0.01
 
 
 def test_the_uncertainty_map_is_ignored_with_a_remark(log, reconstruct):

@@ -96,8 +96,3 @@ def failure() -> Callable[..., dict[str, str]]:
         return document["failure"]
 
     return reported
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _in_one_thread(one_thread: None) -> None:
-    """Their scans are small."""

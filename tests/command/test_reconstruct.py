@@ -12,6 +12,7 @@ from sawmill_calibration.scans import scan_rows
 from sawmill_calibration.scans.scan_rows import ScanSource, open_rows
 from sawmill_tomography.phantoms.built_in import L_SHAPE
 from sawmill_tomography.phantoms.log_model import LogModel
+from sawmill_tomography.reconstruction.quality import relative_error
 from sawmill_vocabulary import DataKind, Progress
 from sawmill_worker.commands.options import ScanOptions
 
@@ -34,10 +35,6 @@ def changed(phantom_scan, tmp_path):
 
 LINES = ("--data", "line-integrals", *THETA)
 DETECTOR, ANGLES = "entry/instrument/detector", "entry/sample/rotation_angle"
-
-
-def relative_error(image, truth) -> float:
-    return float(np.linalg.norm(image - truth) / np.linalg.norm(truth))
 
 
 def test_the_calibration_alone_is_enough(run, stack, result_file, tmp_path):

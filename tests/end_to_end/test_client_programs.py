@@ -79,16 +79,6 @@ def block(page: str, language: str, beginning: str = "") -> str:
 
 
 @pytest.fixture(scope="module")
-def client(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("client")
-    run([sys.executable, ROOT / "openapi/clients/generate.py", folder], folder)
-    wheel = folder / f"sawmill_calibration_client-{VERSION}-py3-none-any.whl"
-    pip = (sys.executable, "-m", "pip", "--disable-pip-version-check", "install", "--quiet", "--no-index", "--no-deps")
-    run([*pip, "--target", folder / "installed", wheel], folder)
-    return folder / "installed"
-
-
-@pytest.fixture(scope="module")
 def simulate():
     """The command of the page of the first program, which names the scan of all programs."""
     return block(FIRST_PROGRAM.read_text(), "sh", "sawmill simulate").split()
@@ -132,7 +122,12 @@ def do_the_whole_job(command, stack, folder, service, **environment) -> str:
 
 @pytest.mark.nightly
 @pytest.mark.timeout(240)
-def test_the_python_program_does_the_whole_job(tmp_path, embedded, client, stack):
+def test_the_python_program_does_the_whole_job(tmp_path, embedded, stack):
+    run([sys.executable, ROOT / "openapi/clients/generate.py", tmp_path], tmp_path)
+    wheel = tmp_path / f"sawmill_calibration_client-{VERSION}-py3-none-any.whl"
+    pip = (sys.executable, "-m", "pip", "--disable-pip-version-check", "install", "--quiet", "--no-index", "--no-deps")
+    client = tmp_path / "installed"
+    run([*pip, "--target", client, wheel], tmp_path)
     (readme,) = (path.read_text() for path in client.glob("*.dist-info/METADATA"))
     program = "\n".join(((PROGRAMS / "whole_job.py").read_text(), OTHER_OPERATIONS, block(readme, "python")))
     program = program.replace(f'"{DOCUMENTED}"', "address")

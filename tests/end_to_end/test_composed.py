@@ -26,11 +26,6 @@ CLIENT = "127.0.0.7"
 MIB = 2**20
 
 
-def make_secrets(folder: Path) -> None:
-    [block] = [part for part in PAGE.read_text().split("```sh\n")[1:] if part.startswith("mkdir")]
-    subprocess.run(["bash", "-euc", block.partition("```")[0]], cwd=folder, capture_output=True, check=True)
-
-
 @pytest.fixture
 def composed() -> Iterator[Composed]:
     for program in ("caddy", "openssl", "wget", "initdb", "valkey-server"):
@@ -39,7 +34,8 @@ def composed() -> Iterator[Composed]:
     # Not in pytest's folder, which only its owner may enter: as root, PostgreSQL runs as another user.
     folder = Path(tempfile.mkdtemp(prefix="sawmill-compose-"))
     folder.chmod(0o755)
-    make_secrets(folder)
+    [block] = [part for part in PAGE.read_text().split("```sh\n")[1:] if part.startswith("mkdir")]
+    subprocess.run(["bash", "-euc", block.partition("```")[0]], cwd=folder, capture_output=True, check=True)
     started = Composed(Place(folder), read_compose(COMPOSE.read_text()))
     # Its examples have been made: their jobs would keep the workers busy.
     examples = folder / "volumes/files/examples"

@@ -155,11 +155,6 @@ def prepared(folder: Path, variables: dict[str, str]) -> Mill:
     return Mill(folder, variables, free_port(), free_port())
 
 
-@pytest.fixture
-def mill(tmp_path: Path, offline) -> Mill:
-    return prepared(tmp_path, offline.variables)
-
-
 @pytest.fixture(scope="module")
 def guarded(tmp_path_factory: pytest.TempPathFactory, offline) -> Iterator[tuple[Mill, dict[str, str]]]:
     """A service that trusts a proxy on this machine, for one after the other, and its administrator's headers."""
@@ -249,7 +244,8 @@ def test_the_documented_proxy_ends_half_heads_and_bodies_that_stand_still(guarde
         wait_until(lambda: not list(incoming.iterdir()))
 
 
-def test_behind_a_proxy_it_does_not_start_without_a_key(mill):
+def test_behind_a_proxy_it_does_not_start_without_a_key(tmp_path, offline):
+    mill = prepared(tmp_path, offline.variables)
     variables = {"SAWMILL_PUBLIC_URL": f"https://{NAME}"}
     serve = mill.sawmill("serve", "--port", str(mill.backend), "--workers", "0", "--no-examples")
     options = {"capture_output": True, "text": True, "timeout": WAIT_S}

@@ -51,7 +51,10 @@ class Audit:
         with self.reading() as connection:
             rows = connection.execute(text("SELECT id, state, losses FROM jobs")).all()
             states, losses = {row.id: row.state for row in rows}, sum(row.losses for row in rows)
-            return Ledger(states, losses, list(_twice(connection)), _all_ids(connection))
+            noted = connection.execute(text("SELECT what, id FROM faults_audit")).all()
+            counted = Counter((row.what, row.id) for row in noted).items()
+            doubles = [f"{what} {identifier}: {times} times" for (what, identifier), times in counted if times > 1]
+            return Ledger(states, losses, doubles, _all_ids(connection))
 
     @contextmanager
     def reading(self) -> Iterator[Connection]:
@@ -92,13 +95,6 @@ def orphans(data: Path, known: frozenset[str]) -> list[str]:
 
 def _in(folder: Path) -> list[Path]:
     return list(folder.iterdir()) if folder.is_dir() else []
-
-
-def _twice(connection: Connection) -> Iterator[str]:
-    noted = connection.execute(text("SELECT what, id FROM faults_audit")).all()
-    for (what, identifier), times in Counter((row.what, row.id) for row in noted).items():
-        if times > 1:
-            yield f"{what} {identifier}: {times} times"
 
 
 def _all_ids(connection: Connection) -> frozenset[str]:

@@ -17,8 +17,9 @@ _PARTS = {
 
 
 def marked(world: str) -> list[int]:
-    mark = f"{MARK}={world}".encode()
-    return [process_id for process_id in _all() if mark in _read(process_id, "environ").split(b"\0")]
+    mark, every = f"{MARK}={world}".encode(), [int(path.name) for path in Path("/proc").glob("[0-9]*")]
+    alive = [process_id for process_id in every if _fields(process_id)[:1] not in ([], ["Z"])]
+    return [process_id for process_id in alive if mark in _read(process_id, "environ").split(b"\0")]
 
 
 def playing(world: str, part: str) -> list[int]:
@@ -63,11 +64,6 @@ def _fields(process_id: int) -> list[str]:
 def _part(process_id: int) -> str:
     words = _read(process_id, "cmdline").decode(errors="replace").split("\0")
     return next((part for name, part in _PARTS.items() if any(word.startswith(name) for word in words)), "other")
-
-
-def _all() -> list[int]:
-    found = [int(path.name) for path in Path("/proc").glob("[0-9]*")]
-    return [process_id for process_id in found if _fields(process_id)[:1] not in ([], ["Z"])]
 
 
 def _read(process_id: int, name: str) -> bytes:

@@ -48,12 +48,6 @@ def audit(store):
     watching.close()
 
 
-@pytest.fixture
-def plan(store):
-    store.scanners.create(ScannerSpec(name="line", constants=vars(work.SCANNER)), scanner_id="line")
-    return store.plans.accept(PlanRequest(scanner_id="line", theta=vars(work.THETA)), given={"phantom_id": "l-shape"})
-
-
 class Answering:
     """What a trial is counted with, over a service that answers every plan with its state alone."""
 
@@ -68,7 +62,10 @@ class Answering:
         return trial.count(self.trial, {"plan 0": answer}, started=0.0)
 
 
-def test_what_is_lost_double_unequal_or_left_over_is_counted(store, audit, plan):
+def test_what_is_lost_double_unequal_or_left_over_is_counted(store, audit):
+    store.scanners.create(ScannerSpec(name="line", constants=vars(work.SCANNER)), scanner_id="line")
+    asked = PlanRequest(scanner_id="line", theta=vars(work.THETA))
+    plan = store.plans.accept(asked, given={"phantom_id": "l-shape"})
     answering = Answering(store, audit)
     answering.trial.asker.accepted.append(Accepted(Work("plan 0", "plans"), plan.id, plan.job_id))
     counts = answering.counts()

@@ -10,10 +10,10 @@ from dataclasses import dataclass, field
 from random import Random
 
 from sqlalchemy.exc import DBAPIError
-from tests.faults.audit import Audit, Ledger, orphans
+from tests.faults.audit import Audit, orphans
 from tests.faults.product import Product
 from tests.faults.servers import Postgres, Redis
-from tests.faults.work import MIX, Accepted, Asker, answer_of
+from tests.faults.work import MIX, Asker, answer_of
 
 MOST_WAITING = 8  # jobs requested ahead: enough that faults meet running ones
 ENDED_S = 300.0  # limit for the jobs' ends once all are accepted and the faults are over
@@ -103,7 +103,9 @@ def settle(trial: Trial) -> None:
 def count(trial: Trial, right: dict[str, str], started: float) -> Counts:
     """Count lost, double, unequal and orphaned work, with the details."""
     ledger = trial.audit.ledger()
-    lost = _lost(ledger, trial.asker.accepted)
+    # A job whose 202 a fault swallowed is in the database alone.
+    states = {one.job_id: "not in the database" for one in trial.asker.accepted} | ledger.states
+    lost = [f"job {job_id} {state}" for job_id, state in states.items() if state != "succeeded"]
     ended = [accepted for accepted in trial.asker.accepted if ledger.states.get(accepted.job_id) == "succeeded"]
     unequal = [
         f"unequal: {accepted.work.name}, job {accepted.job_id}"
@@ -116,12 +118,6 @@ def count(trial: Trial, right: dict[str, str], started: float) -> Counts:
     wrong = (len(found) for found in (lost, ledger.doubles, unequal, left))
     seconds = time.monotonic() - started
     return Counts(*wrong, len(ledger.states), trial.happened.total(), ledger.losses, seconds, details)
-
-
-def _lost(ledger: Ledger, accepted: Sequence[Accepted]) -> list[str]:
-    """List the accepted jobs that did not succeed; a job whose 202 a fault swallowed is in the database alone."""
-    states = {one.job_id: "not in the database" for one in accepted} | ledger.states
-    return [f"job {job_id} {state}" for job_id, state in states.items() if state != "succeeded"]
 
 
 def _wait_for_end(trial: Trial) -> None:

@@ -3,9 +3,8 @@
 import json
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
-from sqlalchemy import Boolean, Connection, DateTime, MetaData, Table
+from sqlalchemy import Boolean, DateTime, MetaData, Table
 from tests.faults.trial import Trial
 from tests.faults.work import Accepted, Work, log_scan, phantom_scan
 
@@ -28,7 +27,13 @@ def before(data: Path, url: str) -> None:
     engine = make_engine(url)
     Database(engine).upgrade(REVISION)
     with engine.connect().execution_options(writes=True) as connection, connection.begin():
-        _insert(connection, json.loads(ROWS.read_text()))
+        tables = MetaData()
+        tables.reflect(connection)
+        for name, records in json.loads(ROWS.read_text()).items():
+            insertion = tables.tables[name].insert()
+            for record in records:
+                row = {key: _typed(tables.tables[name], key, value) for key, value in record.items()}
+                connection.execute(insertion, row)
     engine.dispose()
 
 
@@ -38,15 +43,6 @@ def begin(trial: Trial) -> None:
         name = "drift check" if row["subject_id"] == "drift" else row["subject_id"].replace("-", " ")
         work = Work(name, _PLURALS.get(row["kind"], "plans"))
         trial.asker.accepted.append(Accepted(work, row["subject_id"], row["id"]))
-
-
-def _insert(connection: Connection, rows: dict[str, list[dict[str, Any]]]) -> None:
-    tables = MetaData()
-    tables.reflect(connection)
-    for name, records in rows.items():
-        table = tables.tables[name]
-        for record in records:
-            connection.execute(table.insert(), {key: _typed(table, key, value) for key, value in record.items()})
 
 
 def _typed(table: Table, name: str, value: object) -> object:

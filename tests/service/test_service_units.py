@@ -70,12 +70,9 @@ def install(*arguments: object, code: int = 0) -> Result:
     return result
 
 
-@pytest.fixture(params=["sawmill.service", "sawmill-worker@.service"])
-def unit(request: pytest.FixtureRequest) -> Unit:
-    return parsed(Installation(program()).units()[request.param])
-
-
-def test_a_unit_starts_a_command_as_its_own_user_within_limits_that_leave_attempts_room(unit):
+@pytest.mark.parametrize("name", ["sawmill.service", "sawmill-worker@.service"])
+def test_a_unit_starts_a_command_as_its_own_user_within_limits_that_leave_attempts_room(name):
+    unit = parsed(Installation(program()).units()[name])
     service = unit["Service"]
     for start in (*service["ExecStart"], service["ExecStartPre"][0].removeprefix("-")):
         command, subcommand = shlex.split(start)

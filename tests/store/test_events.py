@@ -38,14 +38,11 @@ def announced(session: Session, store, scanner_id: str) -> None:
 def test_a_scan_and_its_calibration_are_announced_from_acceptance_to_activation(store, scanner, upload, finish, reader):
     scan = upload(store)
     finish(store)
-    store.calibrations.accept(
-        CalibrationRequest(scan_id=scan.id, phantom_id="l-shape", activate=True), identifier="first"
-    )
+    asked = CalibrationRequest(scan_id=scan.id, phantom_id="l-shape", activate=True)
+    store.calibrations.accept(asked, identifier="first")
     finish(store)
     store.calibrations.activate("first", "it is active already")
-    store.calibrations.accept(
-        CalibrationRequest(scan_id=scan.id, phantom_id="l-shape", activate=True), identifier="second"
-    )
+    store.calibrations.accept(asked, identifier="second")
     finish(store)
     store.calibrations.activate("first", "back to it")
     events = reader.read()

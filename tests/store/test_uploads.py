@@ -183,10 +183,6 @@ def made(store, request=ASKED):
     return store.repeats.once(request, lambda: store.scanners.create(SPEC), kept_as)
 
 
-def scanners(store):
-    return [scanner.id for scanner in store.scanners.page(limit=200).items]
-
-
 def test_what_is_refused_within_and_got_over_leaves_the_rest(store):
     def some():
         first = store.scanners.create(SPEC, scanner_id="line-3")
@@ -196,7 +192,7 @@ def test_what_is_refused_within_and_got_over_leaves_the_rest(store):
         return first
 
     store.repeats.once(ASKED, some, kept_as)
-    assert scanners(store) == ["line-3"]
+    assert [scanner.id for scanner in store.scanners.page(limit=200).items] == ["line-3"]
 
 
 @pytest.mark.clocked

@@ -61,7 +61,11 @@ def fill(store: Store, worker: Finisher, language: str = "en") -> dict[str, str]
     _scans_and_calibrations(store, worker)
     _inspected(store, "refused")
     worker.finish_inspection(verdict="refused", missing=[], reading=None, refusal=FAILURE.model_dump(mode="json"))
-    _phantoms(store, worker)
+    picture = PhantomPicture(name="the cross of the hall", width_mm=400)
+    for identifier in ("traced", "untraced"):
+        store.phantoms.accept_picture(picture, store.files.receive([b"PNG"], max_bytes=100), phantom_id=identifier)
+    worker.finish_tracing()
+    store.jobs.fail(worker.claim(), Failure(kind=FailureKind.INPUT, code="no-signal", detail=str(SLIPPED)))
     store.webhooks.create(
         WebhookRequest(url="https://alarms.mill.example/" + "long/" * 30, description=NAME, enabled=True)
     )
@@ -143,14 +147,6 @@ def _inspected(store: Store, identifier: str) -> None:
     received = store.files.receive([b"a file"], max_bytes=100)
     name = "IMG_20261126_055712_line_4_phantom_and_log.jpg"
     store.inspections.accept_file(InspectionOptions(), received, name=name, identifier=identifier)
-
-
-def _phantoms(store: Store, worker: Finisher) -> None:
-    picture = PhantomPicture(name="the cross of the hall", width_mm=400)
-    for identifier in ("traced", "untraced"):
-        store.phantoms.accept_picture(picture, store.files.receive([b"PNG"], max_bytes=100), phantom_id=identifier)
-    worker.finish_tracing()
-    store.jobs.fail(worker.claim(), Failure(kind=FailureKind.INPUT, code="no-signal", detail=str(SLIPPED)))
 
 
 def _unfinished(store: Store, worker: Finisher) -> None:

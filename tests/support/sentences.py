@@ -2,7 +2,6 @@
 
 import ast
 import io
-import json
 import re
 import tokenize
 from collections.abc import Iterator
@@ -70,18 +69,3 @@ def descriptions(document: Any) -> Iterator[Text]:
                 yield from walk(value, f"{place}/{number}")
 
     yield from walk(document, "")
-
-
-def public_document() -> Any:
-    """Read the committed document."""
-    return json.loads((ROOT / "openapi/openapi.json").read_text())
-
-
-def opening_badly(texts: Iterator[Text]) -> list[Text]:
-    """Select the texts that begin with a preposition, a pronoun or a conjunction."""
-    return [text for text in texts if OPENING.match(text.text)]
-
-
-def fragments(document: Any) -> list[Text]:
-    """Select the descriptions of the public document that have a sentence which begins as none does."""
-    return [text for text in descriptions(document) if any(map(FRAGMENT.match, re.split(r"(?<=[.])\s+", text.text)))]

@@ -19,12 +19,6 @@ def fan(request, scanner, random_thetas, irregular_turn):
     return FanBeamGeometry(scanner, random_thetas(6, seed=5)[request.param], irregular_turn(40, seed=request.param))
 
 
-@pytest.fixture
-def points():
-    """(5, 2) mm inside the largest log."""
-    return np.random.default_rng(6).uniform(-100.0, 100.0, (5, 2))
-
-
 def cells(fan):
     """P_km, (views, cells, 2) mm."""
     _, centre, axis = fan.vectors()
@@ -117,7 +111,8 @@ def test_cil_leaves_the_system_as_it_is(fan):
     assert system["rotation_axis_position"] == [0.0, 0.0]
 
 
-def test_rtk_s_matrices_project_points_to_where_our_rays_end(fan, points):
+def test_rtk_s_matrices_project_points_to_where_our_rays_end(fan):
+    points = np.random.default_rng(6).uniform(-100.0, 100.0, (5, 2))  # mm, inside the largest log
     log = np.random.default_rng(7).uniform(-50.0, 50.0, len(points))
     exported = rtk_arguments(fan)
     theirs = np.stack([points[:, 0], log, -points[:, 1], np.ones(len(points))])

@@ -22,7 +22,7 @@ class AlarmKind(StrEnum):
 class Alarm(Contract):
     """An overdue scan or measurement, or a drift of a scanner; the alarm closes by itself when its cause has gone."""
 
-    scanner_id: Identifier = Field(description="Id of the scanner.", examples=["example"])
+    scanner_id: Identifier = Field(description="Id of the scanner.")
     kind: AlarmKind = Field(
         description="`no-phantom-scan`: no phantom scan since `last_at`, for longer than `limit_hours`. "
         "`scanner-quiet`: no scan of any kind for longer than `limit_hours`. `phantom-expired`: the phantom of the "
@@ -39,7 +39,6 @@ class Alarm(Contract):
         None,
         description="Time of the last known scan of this kind or, if there is none, of the scanner's registration. "
         "Null: the alarm concerns a phantom or a drift.",
-        examples=["2026-03-02T05:30:00Z"],
     )
     limit_hours: float | None = Field(
         None,

@@ -33,7 +33,7 @@ from sawmill_contracts.phantoms import SizeTolerancePercent
 from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.row_ranges import ChosenViews, Rows
 from sawmill_contracts.scanners import Tolerances
-from sawmill_platform.contracts.base import Contract, Identifier, Stamped
+from sawmill_platform.contracts.base import Contract, Identifier, Sha256, Stamped, link
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.jobs import Failure
 from sawmill_platform.contracts.keys import Scope
@@ -57,23 +57,17 @@ from sawmill_vocabulary.uncertainty import BudgetLine, ContrastLoss
 class PaperOptions(Contract):
     """Switches of the published search (arXiv 2206.14444)."""
 
-    objective: PaperObjective = Field(
-        "image", description="Correlate FBP images, or compare sinograms.", examples=["image"]
-    )
-    weighting: Weighting = Field("none", description="FBP weights; the published pipeline has none.", examples=["none"])
+    objective: PaperObjective = Field("image", description="Correlate FBP images, or compare sinograms.")
+    weighting: Weighting = Field("none", description="FBP weights; the published pipeline has none.")
     correlation: PaperCorrelation = Field(
-        "unnormalised",
-        description="Correlation of images or sinograms: as published, or normalised.",
-        examples=["unnormalised"],
+        "unnormalised", description="Correlation of images or sinograms: as published, or normalised."
     )
-    stop: PaperStop = Field(
-        "published", description="SciPy's default stop, or one that waits for convergence.", examples=["published"]
-    )
+    stop: PaperStop = Field("published", description="SciPy's default stop, or one that waits for convergence.")
     max_generations: Annotated[int, Field(ge=1, le=10_000)] = Field(
-        1000, description="The search ends after this number of generations.", examples=[1000]
+        1000, description="The search ends after this number of generations."
     )
     image_size: Annotated[int, Field(ge=32, le=1024)] = Field(
-        256, description="Pixels along each side of the correlated images.", examples=[256]
+        256, description="Pixels along each side of the correlated images."
     )
 
 
@@ -84,7 +78,6 @@ class CalibrationOptions(Contract):
         None,
         description="Detector rows A:B to average, the first included, the last not. Default: the scan's phantom "
         "rows, else the rows in which the phantom is found.",
-        examples=["0:16"],
     )
     log_rows: Rows | None = Field(
         None,
@@ -110,9 +103,7 @@ class CalibrationOptions(Contract):
     method: CalibrationMethod = Field(
         CalibrationMethod.DEFAULT, description="The product's own search, or the published one.", examples=["default"]
     )
-    seed: Annotated[int, Field(ge=0, lt=2**32)] = Field(
-        7, description="Seed of the search's random numbers, no unit.", examples=[7]
-    )
+    seed: Annotated[int, Field(ge=0, lt=2**32)] = Field(7, description="Seed of the search's random numbers, no unit.")
     rays_per_cell: Annotated[int, Field(ge=1, le=64)] | None = Field(
         None,
         description="Number of rays for each cell in the model. Default: the average over the whole cell, as in a "
@@ -153,7 +144,7 @@ class GivenCalibrationOptions(CalibrationOptions, Given):
 class CalibrationRequest(GivenCalibrationOptions, Given):
     """Ask for a calibration."""
 
-    scan_id: Identifier = Field(examples=["example"], description="Id of the scan that shows the phantom.")
+    scan_id: Identifier = Field(description="Id of the scan that shows the phantom.")
     phantom_id: Identifier | None = Field(
         None, description="Id of the phantom in the scan. Null: the one that the scan names.", examples=["l-shape"]
     )
@@ -161,16 +152,15 @@ class CalibrationRequest(GivenCalibrationOptions, Given):
         default=False,
         description="Whether the calibration becomes the scanner's active one if its rays_verdict is pass: an "
         "uncertain scale blurs nothing and does not stop it.",
-        examples=[False],
     )
 
 
 class CalibrationLimits(Contract):
     """Limits of a verdict where no scanner with tolerances is registered."""
 
-    tolerance_mm: PositiveMm = Field(0.1, description="Limit of the predicted ray error, mm.", examples=[0.1])
+    tolerance_mm: PositiveMm = Field(0.1, description="Limit of the predicted ray error, mm.")
     scale_tolerance_percent: Annotated[float, Field(gt=0, le=100)] = Field(
-        0.5, description="Limit of the scale uncertainty, per cent.", examples=[0.5]
+        0.5, description="Limit of the scale uncertainty, per cent."
     )
     log_radius_mm: PositiveMm | None = Field(
         None,
@@ -272,7 +262,7 @@ class Timing(Contract):
 class Comparison(Contract):
     """Change against the scanner's active calibration."""
 
-    calibration_id: Identifier = Field(description="Id of the calibration that was active.", examples=["example"])
+    calibration_id: Identifier = Field(description="Id of the calibration that was active.")
     ray_change_mm: float = Field(
         description="RMS distance between the two calibrations' rays inside the log's disc, one common rotation and "
         "one common scale taken out.",
@@ -568,10 +558,7 @@ class Provenance(Contract):
     search: Search = Field(description="Search for the solution.")
     timing_s: Timing = Field(description="Seconds that the parts of the computation took.")
     software_version: str = Field(description="Version of the software that computed it.", examples=["0.15.0"])
-    input_sha256: str = Field(
-        description="SHA-256 of the scan's file, in hexadecimal digits.",
-        examples=["9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"],
-    )
+    input_sha256: Sha256 = Field(description="SHA-256 of the scan's file, in hexadecimal digits.")
 
 
 # Fields are in the order of the bases, from the last base to the first.
@@ -624,28 +611,22 @@ class CalibrationFile(CalibrationResult):
 class CalibrationLinks(Contract):
     """Links to a calibration's files."""
 
-    self: str = Field(description="Path of the calibration.", examples=["/v1/calibrations/example"])
-    job: str = Field(description="Path of the calibration's job.", examples=["/v1/jobs/example"])
-    report: str = Field(description="Path of the report picture.", examples=["/v1/calibrations/example/report.png"])
-    overlay: str = Field(
-        description="Path of the picture of the phantom with its outline.",
-        examples=["/v1/calibrations/example/overlay.png"],
-    )
-    hdf5: str = Field(
-        description="Path of the HDF5 file with every number and array.",
-        examples=["/v1/calibrations/example/result.h5"],
-    )
+    self: str = link("the calibration", "calibrations/example")
+    job: str = link("the calibration's job", "jobs/example")
+    report: str = link("the report picture", "calibrations/example/report.png")
+    overlay: str = link("the picture of the phantom with its outline", "calibrations/example/overlay.png")
+    hdf5: str = link("the HDF5 file with every number and array", "calibrations/example/result.h5")
 
 
 class CalibrationHeader(Stamped):
     """Fields of every calibration, from the request on."""
 
-    scanner_id: Identifier = Field(description="Id of the scanner that is calibrated.", examples=["example"])
-    scan_id: Identifier = Field(description="Id of the scan that shows the phantom.", examples=["example"])
+    scanner_id: Identifier = Field(description="Id of the scanner that is calibrated.")
+    scan_id: Identifier = Field(description="Id of the scan that shows the phantom.")
     phantom_id: Identifier = Field(description="Id of the phantom.", examples=["l-shape"])
-    job_id: Identifier = Field(description="Id of the job that computes the result.", examples=["example"])
+    job_id: Identifier = Field(description="Id of the job that computes the result.")
     schedule_id: Identifier | None = Field(
-        None, description="Id of the schedule that requested it. Null: a person or a program did.", examples=["example"]
+        None, description="Id of the schedule that requested it. Null: a person or a program did."
     )
     options: CalibrationOptions = Field(description="Options of the request, apart from the scan and the phantom.")
 

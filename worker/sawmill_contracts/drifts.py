@@ -11,7 +11,7 @@ from sawmill_contracts.geometry import Covariance, ScannerConstants
 from sawmill_contracts.kinds import AskedKind, Operation, Reference, stored_as
 from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.row_ranges import Rows
-from sawmill_platform.contracts.base import Contract, Identifier, Stamped, Time
+from sawmill_platform.contracts.base import Contract, Identifier, Sha256, Stamped, Time, link
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.jobs import Failure, JobState
 from sawmill_vocabulary import DetectorEstimate, Rotation, Theta
@@ -109,7 +109,6 @@ class DriftOptions(Contract):
         None,
         description="Detector rows A:B to average, the first included, the last not. Default: all. A scan that was "
         "posted as the mean of rows has only that mean.",
-        examples=["0:16"],
     )
 
 
@@ -127,12 +126,11 @@ class StoredDriftOptions(DriftOptions):
 class DriftRequest(DriftOptions, Given):
     """Request to find whether a scanner has moved since a calibration. The scan needs 8 views or more, of any log."""
 
-    scan_id: Identifier = Field(examples=["example"], description="Id of the scan.")
+    scan_id: Identifier = Field(description="Id of the scan.")
     calibration_id: Identifier | None = Field(
         None,
         description="Id of the calibration to compare with; null: the scanner's active calibration, else its imported "
         "geometry, which gives a change without a verdict.",
-        examples=["example"],
     )
 
 
@@ -177,7 +175,6 @@ class DriftResult(Contract):
         "calibration",
         description="Zero of `moved`, `ray_change_mm`, `scale_change_percent`, `within_tolerance` and `reason`: the "
         "baseline where there is one, else the calibration.",
-        examples=["calibration"],
     )
     baseline: DriftBaseline | None = Field(
         None, description="The baseline, which counts as zero, and the change from it. Null: there is no baseline."
@@ -286,10 +283,7 @@ class DriftResult(Contract):
     )
     time_s: float = Field(description="Seconds that the computation took.", examples=[3.2])
     software_version: str = Field(description="Version of the software that computed it.", examples=["0.15.0"])
-    input_sha256: str = Field(
-        description="SHA-256 of the scan's file, in hexadecimal digits.",
-        examples=["9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"],
-    )
+    input_sha256: Sha256 = Field(description="SHA-256 of the scan's file, in hexadecimal digits.")
 
     @property
     def explanation(self) -> CodedReason:
@@ -313,11 +307,10 @@ class DriftResult(Contract):
 class DriftLinks(Contract):
     """Links to related resources."""
 
-    self: str = Field(description="Path of the drift check.", examples=["/v1/drifts/example"])
-    job: str = Field(description="Path of the drift check's job.", examples=["/v1/jobs/example"])
-    calibration: str | None = Field(
-        description="Path of the calibration to compare with; null: an imported geometry.",
-        examples=["/v1/calibrations/example"],
+    self: str = link("the drift check", "drifts/example")
+    job: str = link("the drift check's job", "jobs/example")
+    calibration: str | None = link(
+        "the calibration to compare with; null: an imported geometry", "calibrations/example"
     )
 
 
@@ -325,12 +318,12 @@ class Drift(Stamped):
     """A drift check in its present state."""
 
     state: JobState = Field(description="State of the job.", examples=["succeeded"])
-    scanner_id: Identifier = Field(description="Id of the scanner.", examples=["example"])
-    scan_id: Identifier = Field(description="Id of the scan.", examples=["example"])
+    scanner_id: Identifier = Field(description="Id of the scanner.")
+    scan_id: Identifier = Field(description="Id of the scan.")
     calibration_id: Identifier | None = Field(
-        description="Id of the calibration to compare with; null: the imported geometry.", examples=["example"]
+        description="Id of the calibration to compare with; null: the imported geometry."
     )
-    job_id: Identifier = Field(description="Id of the job that computes the result.", examples=["example"])
+    job_id: Identifier = Field(description="Id of the job that computes the result.")
     options: StoredDriftOptions = Field(description="Options of the request.")
     result: DriftResult | None = Field(None, description="The answer. Null: there is none yet.")
     failure: Failure | None = Field(None, description="Reason of the failure. Null: the job has not failed.")

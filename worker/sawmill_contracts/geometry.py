@@ -12,7 +12,6 @@ from sawmill_vocabulary.outlines import described
 
 
 def _check_range(value: tuple[float, float]) -> tuple[float, float]:
-    """Check that the value is a range [low, high]."""
     if not value[0] < value[1]:
         raise ValueError(f"a range must be [low, high] with low < high, not {list(value)}")
     return value

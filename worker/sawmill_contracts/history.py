@@ -46,7 +46,7 @@ class HistoryEntry(Contract):
         description="Type of `subject_id`: `calibration`, `drift`, `scanner`, `schedule` or `scan`.",
         examples=["calibration"],
     )
-    subject_id: Identifier = Field(description="Id of the subject.", examples=["example"])
+    subject_id: Identifier = Field(description="Id of the subject.")
     link: str | None = Field(
         description="Path of the subject. Null: the subject was deleted since.", examples=["/v1/calibrations/example"]
     )
@@ -74,7 +74,7 @@ class HistoryEntry(Contract):
 class Activation(Contract):
     """An entry of kind `activation`, as version 0.1.0 had it: the time from which a calibration was the active one."""
 
-    calibration_id: Identifier = Field(description="Id of the calibration.", examples=["example"])
+    calibration_id: Identifier = Field(description="Id of the calibration.")
     activated_at: str = Field(
         description="Time at which the calibration became the active one, RFC 3339, UTC.",
         examples=["2026-03-02T05:31:04Z"],

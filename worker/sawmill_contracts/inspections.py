@@ -10,7 +10,7 @@ from pydantic import Field
 from sawmill_contracts import kinds
 from sawmill_contracts.kinds import AskedKind, Operation
 from sawmill_contracts.scans import AnglesText, Axes, Dataset, ReadingRemarks, ScanShape, Transpose
-from sawmill_platform.contracts.base import Contract, Identifier, Name, Stamped, Time
+from sawmill_platform.contracts.base import Contract, Identifier, Name, Sha256, Stamped, Time, link
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.jobs import Failure, JobState
 from sawmill_vocabulary import DataKind, DetectorModule
@@ -49,9 +49,7 @@ class FilePart(Contract):
     kind: str = Field(
         description="Type of the part, as a group, a dataset, a link, an array or a page.", examples=["dataset"]
     )
-    count: int = Field(
-        1, description="Number of parts, which are alike but for the numbers in their names.", examples=[1]
-    )
+    count: int = Field(1, description="Number of parts, which are alike but for the numbers in their names.")
     shape: list[int] | None = Field(
         None, description="Lengths in the axis order of the file. Null: the part has none.", examples=[[360, 16, 768]]
     )
@@ -144,9 +142,7 @@ class MissingPart(Contract):
         description="Reason why the information must be given, in words.", examples=["no file states it reliably"]
     )
     needed: bool = Field(
-        default=True,
-        description="Whether nothing can be read, or calibrated, without the information.",
-        examples=[True],
+        default=True, description="Whether nothing can be read, or calibrated, without the information."
     )
 
 
@@ -173,7 +169,7 @@ class InspectionResult(Contract):
     )
     verdict: FileVerdict = Field(description="Whether the file can be read as a scan.", examples=["ready"])
     parts: list[FilePart] = Field(description="Parts of the file.")
-    parts_left_out: int = Field(0, description="Number of parts beyond the most that are listed.", examples=[0])
+    parts_left_out: int = Field(0, description="Number of parts beyond the most that are listed.")
     listing_ended: str | None = Field(
         None,
         description="Why the list of parts is not complete. Null: it is complete.",
@@ -201,10 +197,7 @@ class InspectedFile(InspectionOptions):
 
     name: Name = Field("file", description="Name under which the file was sent.", examples=["mill.h5"])
     size_bytes: int = Field(description="Size of the file, bytes.", examples=[8861696])
-    sha256: str = Field(
-        description="SHA-256 of the file, in hexadecimal digits.",
-        examples=["9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"],
-    )
+    sha256: Sha256 = Field(description="SHA-256 of the file, in hexadecimal digits.")
 
 
 class InspectionRequest(InspectedFile, Given):
@@ -214,15 +207,15 @@ class InspectionRequest(InspectedFile, Given):
 class InspectionLinks(Contract):
     """Links to related resources."""
 
-    self: str = Field(description="Path of the inspection.", examples=["/v1/inspections/example"])
-    job: str = Field(description="Path of the inspection's job.", examples=["/v1/jobs/example"])
+    self: str = link("the inspection", "inspections/example")
+    job: str = link("the inspection's job", "jobs/example")
 
 
 class Inspection(Stamped):
     """An inspection in its present state. It succeeds also for an unreadable file: its result has the reason."""
 
     state: JobState = Field(description="State of the job.", examples=["succeeded"])
-    job_id: Identifier = Field(description="Id of the job that inspects the file.", examples=["example"])
+    job_id: Identifier = Field(description="Id of the job that inspects the file.")
     options: InspectedFile = Field(description="The file, and how it would be read.")
     file_kept_until: Time = Field(
         description="Time until which scans can be made from the file, RFC 3339, UTC.",

@@ -28,18 +28,13 @@ class Reference(StrEnum):
     In a declaration a reference follows those that it depends on: a calibration its scan, a theta its scanner.
     """
 
-    SCAN = "scan"
-    """`scan_id`; the scan's scanner comes with it."""
-    SCANNER = "scanner"
-    """`scanner_id`."""
-    INSPECTION = "inspection"
-    """`inspection_ids`; their files stay until the job has ended."""
-    PHANTOM = "phantom"
-    """`phantom_id`, or the phantom that the scan names."""
+    SCAN = "scan"  # `scan_id`; the scan's scanner comes with it
+    SCANNER = "scanner"  # `scanner_id`
+    INSPECTION = "inspection"  # `inspection_ids`; their files stay until the job has ended
+    PHANTOM = "phantom"  # `phantom_id`, or the phantom that the scan names
+    # `calibration_id`, or the active one of the scan's scanner; none where the request gives a `theta`.
     CALIBRATION = "calibration"
-    """`calibration_id`, or the active one of the scan's scanner; none where the request gives a `theta`."""
-    THETA = "theta"
-    """`theta`, or the theta of the scanner's active calibration."""
+    THETA = "theta"  # `theta`, or the theta of the scanner's active calibration
 
 
 @dataclass(frozen=True)

@@ -23,14 +23,13 @@ class Measurement(Contract):
     number: int = Field(
         description="Number of the measurement; it grows from measurement to measurement.", examples=[17]
     )
-    scanner_id: Identifier = Field(description="Id of the scanner.", examples=["example"])
+    scanner_id: Identifier = Field(description="Id of the scanner.")
     at: Time = Field(description="Time when its job ended, RFC 3339, UTC.", examples=["2026-03-02T05:31:04Z"])
     kind: MeasurementKind = Field(description="Source of the measurement.", examples=["calibration"])
-    subject_id: Identifier = Field(description="Id of the calibration, or of the drift check.", examples=["example"])
+    subject_id: Identifier = Field(description="Id of the calibration, or of the drift check.")
     against_id: Identifier | None = Field(
         description="Id of the calibration that every change is counted from: for a calibration the one that was "
-        "active then, for a drift check the one that it was compared with. Null: there was none, and so no change.",
-        examples=["example"],
+        "active then, for a drift check the one that it was compared with. Null: there was none, and so no change."
     )
     ray_change_mm: float | None = Field(
         description="RMS distance between the rays, up to a common scale, mm; for a drift check with a baseline "

@@ -229,9 +229,7 @@ class MeasurementsRequest(Given):
 
     measurements: list[SizeMeasurement] = Field(min_length=1, max_length=100, description="Measured lengths.")
     stretch_drawing: bool = Field(
-        default=True,
-        description="Whether the shapes are stretched along x and y to the measured lengths.",
-        examples=[True],
+        default=True, description="Whether the shapes are stretched along x and y to the measured lengths."
     )
 
     _of_days_that_were = field_validator("measurements")(_until_tomorrow)
@@ -389,9 +387,7 @@ class StoredPhantom(Stamped):
         description="Drawing of the phantom. Null until its picture has been traced."
     )
     job_id: Identifier | None = Field(
-        None,
-        description="Id of the job that traces the phantom's picture. Null: the phantom was drawn.",
-        examples=["example"],
+        None, description="Id of the job that traces the phantom's picture. Null: the phantom was drawn."
     )
 
 

@@ -9,7 +9,7 @@ from sawmill_contracts.calibrations import PredictedRayError, StandardDeviation
 from sawmill_contracts.geometry import Covariance, GivenTheta, ReportedSourceFrame, ScannerConstants
 from sawmill_contracts.kinds import AskedKind, Operation, Reference, stored_as
 from sawmill_contracts.phantoms import SizeTolerancePercent
-from sawmill_platform.contracts.base import Contract, Identifier, Stamped
+from sawmill_platform.contracts.base import Contract, Identifier, Stamped, link
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.jobs import Failure, JobState
 from sawmill_vocabulary import Theta
@@ -20,12 +20,10 @@ class PlanOptions(Contract):
     """The planned scan, apart from the phantom and the scanner."""
 
     views: Annotated[int, Field(ge=3, le=3600)] = Field(
-        360, description="Number of views, equidistant over a full turn.", examples=[360]
+        360, description="Number of views, equidistant over a full turn."
     )
     noise: Annotated[float, Field(gt=0, le=1)] = Field(
-        0.02,
-        description="Standard deviation of the noise against the RMS of the phantom's sinogram, no unit.",
-        examples=[0.02],
+        0.02, description="Standard deviation of the noise against the RMS of the phantom's sinogram, no unit."
     )
     size_tolerance_percent: SizeTolerancePercent | None = Field(
         None,
@@ -37,7 +35,7 @@ class PlanOptions(Contract):
 class StoredPlanOptions(PlanOptions):
     """Request of a plan as it is stored: an earlier version accepted what `PlanRequest` refuses."""
 
-    scanner_id: Identifier = Field(description="Id of the scanner that is to be calibrated.", examples=["example"])
+    scanner_id: Identifier = Field(description="Id of the scanner that is to be calibrated.")
     theta: Theta | None = Field(
         None, description="Nominal geometry; null: the theta of the scanner's active calibration."
     )
@@ -98,9 +96,9 @@ class PlanResult(Contract):
 class PlanLinks(Contract):
     """Links to related resources."""
 
-    self: str = Field(description="Path of the plan.", examples=["/v1/plans/example"])
-    job: str = Field(description="Path of the plan's job.", examples=["/v1/jobs/example"])
-    phantom: str = Field(description="Path of the phantom.", examples=["/v1/phantoms/l-shape"])
+    self: str = link("the plan", "plans/example")
+    job: str = link("the plan's job", "jobs/example")
+    phantom: str = link("the phantom", "phantoms/l-shape")
 
 
 class Plan(Stamped):
@@ -108,8 +106,8 @@ class Plan(Stamped):
 
     state: JobState = Field(description="State of the job.", examples=["succeeded"])
     phantom_id: Identifier = Field(description="Id of the phantom.", examples=["l-shape"])
-    scanner_id: Identifier = Field(description="Id of the scanner.", examples=["example"])
-    job_id: Identifier = Field(description="Id of the job that computes the result.", examples=["example"])
+    scanner_id: Identifier = Field(description="Id of the scanner.")
+    job_id: Identifier = Field(description="Id of the job that computes the result.")
     options: StoredPlanOptions = Field(description="Options of the request.")
     result: PlanResult | None = Field(None, description="The answer. Null: there is none yet.")
     failure: Failure | None = Field(None, description="Reason of the failure. Null: the job has not failed.")

@@ -33,7 +33,7 @@ class CodedReason(Contract):
         examples=["Something has moved: 0.66 mm, and 0.50 mm is allowed."],
     )
     parts: list["CodedReason"] = Field(
-        [], description="Reasons that are a part of this one, such as the cause of a movement.", examples=[[]]
+        [], description="Reasons that are a part of this one, such as the cause of a movement."
     )
 
     @classmethod

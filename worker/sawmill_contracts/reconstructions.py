@@ -13,7 +13,7 @@ from sawmill_contracts.geometry import GivenTheta, PositiveMm
 from sawmill_contracts.kinds import AskedKind, Operation, Reference, stored_as
 from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.row_ranges import ChosenViews, SteppedRows
-from sawmill_platform.contracts.base import LARGEST_NUMBER, Contract, Identifier, Name, OutOfUse, Stamped
+from sawmill_platform.contracts.base import LARGEST_NUMBER, Contract, Identifier, Name, OutOfUse, Sha256, Stamped, link
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.jobs import Failure, JobState
 from sawmill_platform.contracts.kind_declarations import Schema, bounded, one_of, require, without
@@ -135,17 +135,13 @@ class ReconstructionOptions(Contract):
     )
     filter: Annotated[FilterName, OfFbp] = Field(FilterName.HANN, description="Window on the ramp.", examples=["hann"])
     frequency_scaling: Annotated[float, Field(gt=0, le=1), OfFbp] = Field(
-        1.0, description="Cut-off as a fraction of the Nyquist frequency, no unit.", examples=[1.0]
+        1.0, description="Cut-off as a fraction of the Nyquist frequency, no unit."
     )
     weighting: Annotated[Weighting, OfFbp] = Field(
-        "exact",
-        description="`none` is the published pipeline's weighting: no cosine, no distance weight.",
-        examples=["exact"],
+        "exact", description="`none` is the published pipeline's weighting: no cosine, no distance weight."
     )
-    size: Annotated[int, Field(ge=16, le=4096), OneNumber] = Field(
-        256, description="Pixels along each side.", examples=[256]
-    )
-    field_mm: Annotated[PositiveMm, OneNumber] = Field(400.0, description="Side of the square field.", examples=[400.0])
+    size: Annotated[int, Field(ge=16, le=4096), OneNumber] = Field(256, description="Pixels along each side.")
+    field_mm: Annotated[PositiveMm, OneNumber] = Field(400.0, description="Side of the square field.")
     field_centre_mm: tuple[CoordinateMm, CoordinateMm] = Field(
         (0.0, 0.0),
         description="(x, y) of the field's centre, mm; a region of interest need not be centred on the rotation "
@@ -213,12 +209,9 @@ class ReconstructionOptions(Contract):
     non_negative: Annotated[bool, OfEdgePreserving] = Field(
         default=True,
         description="Constraint of `cauchy_map`, `total_variation` and `ring_tv`: no attenuation below zero.",
-        examples=[True],
     )
     uncertainty: Annotated[bool, OutOfUse("0.2.0", "2026-11-22", gone_in="0.3.0", instead="leave it out")] = Field(
-        default=False,
-        description="Ignored, with a remark: each pixel's standard deviation is no longer computed.",
-        examples=[False],
+        default=False, description="Ignored, with a remark: each pixel's standard deviation is no longer computed."
     )
 
     @field_validator(*COMPUTABLE)
@@ -270,11 +263,9 @@ class StoredReconstructionOptions(ReconstructionOptions):
 
     # Slices were not coupled by an earlier version.
     coupling: Annotated[Coupling, OfTotalVariation] = "none"
-    scan_id: Identifier = Field(examples=["example"], description="Id of the scan to reconstruct.")
+    scan_id: Identifier = Field(description="Id of the scan to reconstruct.")
     calibration_id: Identifier | None = Field(
-        None,
-        description="Id of the calibration to use. Null: the scanner's active calibration, unless theta is given.",
-        examples=["example"],
+        None, description="Id of the calibration to use. Null: the scanner's active calibration, unless theta is given."
     )
     theta: Theta | None = Field(None, description="Geometry to use instead of a calibration.")
     rotation: Rotation | None = Field(
@@ -340,7 +331,6 @@ class MetalReport(Contract):
         0,
         description="Number of further slices with metal on more rays than may be taken out: all their rays are used "
         "as they are, and a remark reports it.",
-        examples=[0],
     )
     treatment: MetalTreatment = Field(description="Treatment of these rays.", examples=["interpolated"])
     source: str = Field(
@@ -366,9 +356,7 @@ class MethodReport(Contract):
         "noise. Null where the views do not go all round.",
         examples=[0.08],
     )
-    view_step: int = Field(
-        1, description="Step of the views that `auto` chose: every view_step-th was used.", examples=[1]
-    )
+    view_step: int = Field(1, description="Step of the views that `auto` chose: every view_step-th was used.")
     noise: float = Field(description="Standard deviation of a line integral, in its unit.", examples=[0.01])
     data_misfit: float | None = Field(
         description="RMS of the residual (A x - y), relative to the noise, no unit: near 1 for an iterative method "
@@ -425,15 +413,13 @@ class MethodReport(Contract):
         None, description="Metal in the log. Null: none was found, or the search for metal was off."
     )
     unconverged_slices: int = Field(
-        0, description="Number of slices that had not converged when the iterations ran out.", examples=[0]
+        0, description="Number of slices that had not converged when the iterations ran out."
     )
     remarks: list[str] = Field(
         [], description="Remarks on the data and the fit.", examples=[["the log leaves the field in 3 slices"]]
     )
     coded_remarks: list[CodedReason] = Field(
-        [],
-        description="The remarks as codes and values; empty where an earlier version reconstructed the log.",
-        examples=[[]],
+        [], description="The remarks as codes and values; empty where an earlier version reconstructed the log."
     )
 
     @property
@@ -472,20 +458,15 @@ class ReconstructionResult(Contract):
         description="Detector rows that were reconstructed: the first one and the one after the last.",
         examples=[[0, 16]],
     )
-    row_step: int = Field(1, description="Every row_step-th of the rows is a slice.", examples=[1])
+    row_step: int = Field(1, description="Every row_step-th of the rows is a slice.")
     time_s: float = Field(description="Seconds that the computation took.", examples=[5.3])
     software_version: str = Field(description="Version of the software that computed it.", examples=["0.15.0"])
-    input_sha256: str = Field(
-        description="SHA-256 of the scan's file, in hexadecimal digits.",
-        examples=["9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"],
-    )
+    input_sha256: Sha256 = Field(description="SHA-256 of the scan's file, in hexadecimal digits.")
     preparation: list[str] = Field(
         [], description="The steps that prepared the scan's data.", examples=[["flat and dark fields were applied"]]
     )
     coded_preparation: list[CodedReason] = Field(
-        [],
-        description="The steps as codes and values; empty where an earlier version reconstructed the log.",
-        examples=[[]],
+        [], description="The steps as codes and values; empty where an earlier version reconstructed the log."
     )
     method: MethodReport | None = Field(
         None, description="Report of the method. Null for a result of an earlier version, whose method was fbp."
@@ -493,7 +474,6 @@ class ReconstructionResult(Contract):
     has_deviation: bool = Field(
         default=False,
         description="Whether each pixel's standard deviation is in the volume, as in results of an earlier version.",
-        examples=[False],
     )
 
     @property
@@ -537,33 +517,17 @@ class Mark(MarkRequest):
 class ReconstructionLinks(Contract):
     """Links to a reconstruction's files."""
 
-    self: str = Field(description="Path of the reconstruction.", examples=["/v1/reconstructions/example"])
-    job: str = Field(description="Path of the reconstruction's job.", examples=["/v1/jobs/example"])
-    volume: str = Field(description="Path of the volume as HDF5.", examples=["/v1/reconstructions/example/volume.h5"])
-    volume_tiff: str = Field(
-        description="Path of the volume as a TIFF stack.", examples=["/v1/reconstructions/example/volume.tif"]
-    )
-    volume_nrrd: str = Field(
-        description="Path of the volume as NRRD.", examples=["/v1/reconstructions/example/volume.nrrd"]
-    )
-    first_slice: str = Field(
-        description="Path of the picture of the first slice.", examples=["/v1/reconstructions/example/slices/0.png"]
-    )
-    first_slice_array: str = Field(
-        description="Path of the first slice as an array.", examples=["/v1/reconstructions/example/slices/0.npy"]
-    )
-    mosaic: str = Field(
-        description="Path of the picture of slices along the log.", examples=["/v1/reconstructions/example/mosaic.png"]
-    )
-    side: str = Field(
-        description="Path of the picture of the log from the side.", examples=["/v1/reconstructions/example/side.png"]
-    )
-    side_array: str = Field(
-        description="Path of the side view as an array.", examples=["/v1/reconstructions/example/side.npy"]
-    )
-    thumbnail: str = Field(
-        description="Path of the small picture.", examples=["/v1/reconstructions/example/thumbnail.png"]
-    )
+    self: str = link("the reconstruction", "reconstructions/example")
+    job: str = link("the reconstruction's job", "jobs/example")
+    volume: str = link("the volume as HDF5", "reconstructions/example/volume.h5")
+    volume_tiff: str = link("the volume as a TIFF stack", "reconstructions/example/volume.tif")
+    volume_nrrd: str = link("the volume as NRRD", "reconstructions/example/volume.nrrd")
+    first_slice: str = link("the picture of the first slice", "reconstructions/example/slices/0.png")
+    first_slice_array: str = link("the first slice as an array", "reconstructions/example/slices/0.npy")
+    mosaic: str = link("the picture of slices along the log", "reconstructions/example/mosaic.png")
+    side: str = link("the picture of the log from the side", "reconstructions/example/side.png")
+    side_array: str = link("the side view as an array", "reconstructions/example/side.npy")
+    thumbnail: str = link("the small picture", "reconstructions/example/thumbnail.png")
 
 
 class Reconstruction(Stamped):
@@ -579,16 +543,13 @@ class Reconstruction(Stamped):
         description="Number of the log among the scanner's logs, from 1; the reconstructions of one scan share it.",
         examples=[14],
     )
-    marks: list[Mark] = Field(
-        [], description="Rulers and regions that people keep with it, the oldest first.", examples=[[]]
-    )
-    scanner_id: Identifier = Field(description="Id of the scanner.", examples=["example"])
-    scan_id: Identifier = Field(description="Id of the scan that is reconstructed.", examples=["example"])
+    marks: list[Mark] = Field([], description="Rulers and regions that people keep with it, the oldest first.")
+    scanner_id: Identifier = Field(description="Id of the scanner.")
+    scan_id: Identifier = Field(description="Id of the scan that is reconstructed.")
     calibration_id: Identifier | None = Field(
-        description="Id of the calibration. Null: a theta was given, or a new scanner has none yet.",
-        examples=["example"],
+        description="Id of the calibration. Null: a theta was given, or a new scanner has none yet."
     )
-    job_id: Identifier = Field(description="Id of the job that computes the result.", examples=["example"])
+    job_id: Identifier = Field(description="Id of the job that computes the result.")
     options: StoredReconstructionOptions = Field(description="Options of the request.")
     result: ReconstructionResult | None = Field(None, description="The answer. Null: there is none yet.")
     failure: Failure | None = Field(None, description="Reason of the failure. Null: the job has not failed.")

@@ -57,7 +57,6 @@ class RetentionRequest(RetentionRules, Given):
         le=LARGEST_NUMBER,
         description="Number of objects that these rules may remove at once: the `number` of a preview that somebody "
         "has seen.",
-        examples=[0],
     )
 
 
@@ -77,8 +76,7 @@ class Retention(Contract):
 
     rules: RetentionRules = Field(description="Rules in force.")
     changed_at: Time | None = Field(
-        description="Time of the last change of the rules, RFC 3339, UTC. Null: there have been no rules yet.",
-        examples=["2026-03-02T05:30:00Z"],
+        description="Time of the last change of the rules, RFC 3339, UTC. Null: there have been no rules yet."
     )
     changed_by: str | None = Field(
         description="Name of the key that changed the rules last. Null: there have been no rules yet.",
@@ -115,8 +113,7 @@ class RetentionPreview(Contract):
     """Objects that rules would remove until a time. Nothing has been removed."""
 
     at: Time = Field(
-        description="Time until which the objects would be removed, RFC 3339, UTC: an hour after the request.",
-        examples=["2026-03-02T05:30:00Z"],
+        description="Time until which the objects would be removed, RFC 3339, UTC: an hour after the request."
     )
     rules: RetentionRules = Field(description="Rules of the preview.")
     number: int = Field(

@@ -87,7 +87,7 @@ class PooledDrift(Contract):
     """Drift checks of a scanner by one method since its active calibration, taken together."""
 
     method: DriftMethod = Field(description="Method by which the drift checks compared views.", examples=["view-pairs"])
-    calibration_id: Identifier = Field(description="Id of the active calibration.", examples=["example"])
+    calibration_id: Identifier = Field(description="Id of the active calibration.")
     since: Time = Field(
         description="Time at which this calibration became the active one.", examples=["2026-03-02T05:31:04Z"]
     )

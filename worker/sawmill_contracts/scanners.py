@@ -18,17 +18,15 @@ class Tolerances(Contract):
         0.1,
         description="Limit of the predicted ray error, mm: a calibration passes where `upper_95` is below the "
         "limit, and is to be watched where only the RMS is.",
-        examples=[0.1],
     )
     scale_percent: Annotated[float, Field(gt=0, le=100)] = Field(
         0.5,
         description="Limit of the scale uncertainty, per cent: a calibration whose `scale_uncertainty_percent` (95 "
         "%) is beyond the limit is to be watched, and a larger change of scale between two calibrations is a "
         "movement.",
-        examples=[0.5],
     )
     ray_change_mm: PositiveMm = Field(
-        0.5, description="RMS ray distance between two calibrations up to which nothing moved, mm.", examples=[0.5]
+        0.5, description="RMS ray distance between two calibrations up to which nothing moved, mm."
     )
     angle_change_deg: Annotated[float, Field(gt=0, le=180)] | None = Field(
         None,
@@ -112,7 +110,5 @@ class StoredScanner(Stamped, ScannerSpec):
     model_config = ConfigDict(title="Scanner")
 
     active_calibration_id: Identifier | None = Field(
-        None,
-        description="Id of the calibration that reconstructions use unless they name another. Null: none yet.",
-        examples=["example"],
+        None, description="Id of the calibration that reconstructions use unless they name another. Null: none yet."
     )

@@ -11,7 +11,7 @@ from sawmill_contracts.geometry import PositiveMm
 from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.row_ranges import Rows
 from sawmill_platform.contracts import patterns
-from sawmill_platform.contracts.base import Contract, Identifier, Name, Stamped
+from sawmill_platform.contracts.base import Contract, Identifier, Name, Sha256, Stamped
 from sawmill_platform.contracts.kind_declarations import UploadedKind
 from sawmill_vocabulary import AirCorrection, DataKind, FaultyCells, ObjectTurns, RingRemoval, RowAlignment
 from sawmill_vocabulary.messages import N_
@@ -164,14 +164,12 @@ class UnregisteredScanOptions(ScanFileOptions):
 class ScanSpec(ScanFileOptions):
     """Description of a file by the client that uploads it."""
 
-    scanner_id: Identifier = Field(description="Id of the scanner that made the scan.", examples=["example"])
+    scanner_id: Identifier = Field(description="Id of the scanner that made the scan.")
     name: Name = Field("scan", description="Name for people.", examples=["phantom of week 10"])
     phantom_id: Identifier | None = Field(
         None, description="Id of the phantom in this scan; null for a scan without one.", examples=["l-shape"]
     )
-    phantom_rows: Rows | None = Field(
-        None, description="Rows that show the phantom; null: they are found.", examples=["0:16"]
-    )
+    phantom_rows: Rows | None = Field(None, description="Rows that show the phantom; null: they are found.")
 
 
 class ScanShape(Contract):
@@ -211,7 +209,7 @@ class ReadingRemarks(Contract):
         examples=[["1 images marked invalid (image_key 3) were left out."]],
     )
     coded_remarks: list[CodedReason] = Field(
-        [], description="The remarks as codes and values; empty where an earlier version read the file.", examples=[[]]
+        [], description="The remarks as codes and values; empty where an earlier version read the file."
     )
 
     @property
@@ -247,10 +245,7 @@ class Scan(Stamped, ScanSpec, ReadingRemarks):
         examples=["no angles: the file carries none and none were given"],
     )
     size_bytes: int = Field(description="Size of the file, bytes.", examples=[8861696])
-    sha256: str = Field(
-        description="SHA-256 of the file, in hexadecimal digits.",
-        examples=["9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"],
-    )
+    sha256: Sha256 = Field(description="SHA-256 of the file, in hexadecimal digits.")
     format: str | None = Field(
         None, description="Format of the file. Null: it has not been read.", examples=["hdf5-nxtomo"]
     )
@@ -260,7 +255,7 @@ class Scan(Stamped, ScanSpec, ReadingRemarks):
     )
     usable_rows: UsableRows = None
     views_left_out: ViewsLeftOut = ()
-    job_id: Identifier = Field(description="Id of the job that reads the file.", examples=["example"])
+    job_id: Identifier = Field(description="Id of the job that reads the file.")
 
 
 DECLARATION = UploadedKind(

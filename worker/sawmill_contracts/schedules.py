@@ -17,8 +17,8 @@ from sawmill_platform.contracts.kind_declarations import Schema, one_of, require
 class ScheduleSpec(Contract):
     """Times at which a scanner is recalibrated with its newest phantom scan, or its newest log is checked for drift."""
 
-    scanner_id: Identifier = Field(examples=["example"], description="Id of the scanner.")
-    kind: ScheduleKind = Field("recalibrate", description="Work at each due time.", examples=["recalibrate"])
+    scanner_id: Identifier = Field(description="Id of the scanner.")
+    kind: ScheduleKind = Field("recalibrate", description="Work at each due time.")
     cron: str = Field(
         max_length=100,
         description="Five fields of cron, in `time_zone`: minute, hour, day of the month, month, day of the week. "
@@ -35,14 +35,11 @@ class ScheduleSpec(Contract):
         json_schema_extra={"pattern": patterns.TIME_ZONE},
     )
     enabled: bool = Field(
-        default=True,
-        description="Whether the schedule runs; false: nothing is due until it is enabled.",
-        examples=[True],
+        default=True, description="Whether the schedule runs; false: nothing is due until it is enabled."
     )
     on_pass: OnPass = Field(
         "report",
         description="Action of `recalibrate` on a calibration whose rays_verdict is pass and which has not moved.",
-        examples=["report"],
     )
     options: CalibrationOptions = Field(
         CalibrationOptions(), description="Options of its calibrations; `check-drift` does not use them."
@@ -78,14 +75,10 @@ class ScheduleRun(Contract):
     due_at: datetime = Field(description="The due time, RFC 3339, UTC.", examples=["2026-03-02T05:30:00Z"])
     outcome: ScheduleOutcome = Field(description="Whether a job was queued, else why not.", examples=["queued"])
     calibration_id: Identifier | None = Field(
-        None,
-        description="Id of the calibration that was queued. Null: no calibration was queued.",
-        examples=["example"],
+        None, description="Id of the calibration that was queued. Null: no calibration was queued."
     )
     drift_id: Identifier | None = Field(
-        None,
-        description="Id of the drift check that was queued. Null: no drift check was queued.",
-        examples=["example"],
+        None, description="Id of the drift check that was queued. Null: no drift check was queued."
     )
 
 

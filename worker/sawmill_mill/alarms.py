@@ -191,6 +191,7 @@ def _came_not(scan: str, alarm: Alarm) -> str:
     return f"no {scan} came{since} for {alarm.limit_hours:g} hours"
 
 
+# All alarms, in the order in which they are checked.
 ALARMS: Mapping[AlarmKind, AlarmRule] = MappingProxyType(
     {
         AlarmKind.NO_PHANTOM_SCAN: AlarmRule(
@@ -213,4 +214,3 @@ ALARMS: Mapping[AlarmKind, AlarmRule] = MappingProxyType(
         ),
     }
 )
-"""All alarms, in the order in which they are checked."""

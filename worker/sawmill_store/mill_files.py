@@ -63,6 +63,7 @@ def _succeeded(kind: JobKind, _: Clock) -> Ids:
     return ended.where(JobRow.kind == kind, JobRow.state == JobState.SUCCEEDED)
 
 
+# Folders of uploads, and of results by kind of job.
 NAMED_FOLDERS: Sequence[NamedFolder] = (
     NamedFolder("uploads/scans", lambda _: select(ScanRow.id), UPLOADED_FILE),
     NamedFolder("uploads/phantoms", lambda _: select(PhantomRow.id)),
@@ -74,4 +75,3 @@ NAMED_FOLDERS: Sequence[NamedFolder] = (
         for declared in asked_kinds()
     ),
 )
-"""Folders of uploads, and of results by kind of job."""

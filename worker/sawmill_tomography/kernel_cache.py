@@ -10,7 +10,9 @@ from numba.core.dispatcher import Dispatcher
 
 def holds_all(*modules: ModuleType) -> bool:
     """Return whether the cache has a version of every cached kernel of these modules."""
-    return all(_versions(kernel) for module in modules for kernel in vars(module).values() if _is_cached(kernel))
+    kernels = [kernel for module in modules for kernel in vars(module).values() if _is_cached(kernel)]
+    # The index has no version where the file has changed since.
+    return all(kernel._cache._cache_file._load_index() for kernel in kernels)  # noqa: SLF001
 
 
 def only_read() -> None:
@@ -29,9 +31,3 @@ def only_read() -> None:
 
 def _is_cached(kernel: Any) -> bool:  # noqa: ANN401
     return isinstance(kernel, Dispatcher) and isinstance(getattr(kernel, "_cache", None), FunctionCache)
-
-
-def _versions(kernel: Any) -> dict[Any, Any]:  # noqa: ANN401
-    """Return the cached versions by signature and processor; none where the file has changed since."""
-    versions: dict[Any, Any] = kernel._cache._cache_file._load_index()  # noqa: SLF001
-    return versions

@@ -88,6 +88,8 @@ class CalibrationArrays:
                 before=arrays.get("log_before"),
                 before_with=log_before_with(arrays),
             )
+        # An earlier version had FBP alone.
+        method = arrays.get("phantom_image_method", np.array(ReconstructionMethod.FBP.encode()))
         return cls(
             sinogram=arrays["sinogram"],
             model=arrays["model"],
@@ -97,7 +99,7 @@ class CalibrationArrays:
             phantom_field_mm=_number(arrays, "phantom_field_mm"),
             phantom_outlines_mm=arrays["phantom_outlines_mm"],
             search_history=arrays["search_history"],
-            phantom_image_method=_method(arrays),
+            phantom_image_method=ReconstructionMethod(method.item().decode("ascii")),
             log=log,
         )
 
@@ -116,12 +118,6 @@ def _number(arrays: Mapping[str, NDArray[Any]], name: str) -> float:
             f"{name} must be one number, not {values.dtype} of shape {values.shape} ({values.ravel()[:3]})"
         )
     return float(values)
-
-
-def _method(arrays: Mapping[str, NDArray[Any]]) -> ReconstructionMethod:
-    """Read the method by its name; an earlier version had FBP alone."""
-    name = arrays.get("phantom_image_method")
-    return ReconstructionMethod.FBP if name is None else ReconstructionMethod(name.item().decode("ascii"))
 
 
 def log_before_with(arrays: Mapping[str, NDArray[Any]]) -> LogBefore:

@@ -324,7 +324,6 @@ class ThetaBounds(AsContract):
     )
 
     def __post_init__(self) -> None:
-        """Refuse empty ranges."""
         for name, (low, high) in vars(self).items():
             if not low < high:
                 raise GeometryError(f"the bounds of {name} must be (low, high) with low < high, not ({low}, {high})")

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, NamedTuple, Self
 
-GROUP = "scanner"
-"""Name of a group of jobs: groups take turns in the queue, and an event has the id of its group."""
+GROUP = "scanner"  # name of a group of jobs: groups take turns in the queue, and an event has the id of its group
 
 
 def N_(text: str) -> str:  # noqa: N802 - Babel's word for a text that is translated when it is shown
@@ -122,7 +121,6 @@ class Reason(str):
         return reason
 
     def __getnewargs__(self) -> tuple[Any, ...]:
-        """Return the arguments for a copy."""
         return self.message, self.values, self.parts
 
     def in_words(self, reader: Reader = ENGLISH) -> Sentences:

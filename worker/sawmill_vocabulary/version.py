@@ -2,6 +2,7 @@
 
 VERSION = "0.2.0"
 
+# All packages of the product, the lowest layer first.
 PACKAGES = (
     "sawmill_vocabulary",
     "sawmill_platform",
@@ -15,4 +16,3 @@ PACKAGES = (
     "sawmill_service",
     "sawmill_command",
 )
-"""All packages of the product, the lowest layer first."""

@@ -2,11 +2,11 @@
 # ruff: noqa: PLC0415 - imports inside the command: its help needs none
 
 import os
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from sawmill_command.data_option import Data, wrong_variables_refused
 from sawmill_contracts import kinds as job_kinds  # noqa: F401 - registers the kinds
 from sawmill_platform.contracts.jobs import JobKind
 from sawmill_worker.commands.terminal import Command
@@ -30,9 +30,7 @@ def _job_kinds(texts: list[str] | None) -> list[str]:
 
 @app.command(cls=Command)
 def worker(
-    data: Annotated[
-        Path | None, typer.Option("--data", help="Data folder; SAWMILL_DATA_FOLDER or the default otherwise.")
-    ] = None,
+    data: Data = None,
     kinds: Annotated[
         list[str] | None,
         typer.Option(
@@ -52,13 +50,9 @@ def worker(
     ] = None,
 ) -> None:
     """Run one embedded worker next to a service that uses the same data folder."""
-    from sawmill_platform.workers.settings import WrongVariableError, variables_checked
     from sawmill_worker.poller import run
 
     if data is not None:
         os.environ["SAWMILL_DATA_FOLDER"] = str(data)
-    try:
-        with variables_checked():
-            run(kinds=kinds or (), scanners=scanners or ())
-    except WrongVariableError as error:
-        raise typer.BadParameter(str(error)) from error
+    with wrong_variables_refused():
+        run(kinds=kinds or (), scanners=scanners or ())

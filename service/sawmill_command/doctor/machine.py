@@ -8,6 +8,7 @@ import shutil
 from collections.abc import Iterable, Iterator
 from contextlib import closing
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -36,26 +37,14 @@ class State(StrEnum):
 class DoctorFinding(NamedTuple):
     """Result of one check: a sentence with the values seen, and the remedy, empty if nothing is to be done."""
 
-    subject: str
     state: State
+    subject: str
     sentence: str
     cure: str = ""
 
 
-def good(subject: str, sentence: str) -> DoctorFinding:
-    """Return a finding that needs nothing."""
-    return DoctorFinding(subject, State.GOOD, sentence)
-
-
-def watch(subject: str, sentence: str, cure: str) -> DoctorFinding:
-    """Return a finding that should be mended."""
-    return DoctorFinding(subject, State.WATCH, sentence, cure)
-
-
-def bad(subject: str, sentence: str, cure: str) -> DoctorFinding:
-    """Return a finding with which the service does not work."""
-    return DoctorFinding(subject, State.BAD, sentence, cure)
-
+# Findings that need nothing, that should be mended, and with which the service does not work.
+good, watch, bad = (partial(DoctorFinding, state) for state in State)
 
 # File systems that do not suit SQLite: its write-ahead log needs memory shared by all processes, and reliable locks.
 _OF_NETWORKS = {"nfs", "nfs4", "cifs", "smb3", "smbfs", "9p", "fuse.sshfs", "ceph", "fuse.glusterfs", "lustre", "afs"}
@@ -203,7 +192,7 @@ def _writable(folder: Path) -> DoctorFinding:
             (State.BAD, "write to", "go-w") if mode & _OTHERS_MAY_WRITE else (State.WATCH, "read", "o-rwx")
         )
         sentence = f"others on this machine may {do} {folder} ({mode:o})"
-        return DoctorFinding("data folder", state, sentence, f"chmod {taken} {folder}")
+        return DoctorFinding(state, "data folder", sentence, f"chmod {taken} {folder}")
     return good("data folder", f"{folder}, of user {_owner(folder)}")
 
 
@@ -213,7 +202,7 @@ def _room(folder: Path, reserve_bytes: int) -> Iterator[DoctorFinding]:
     sentence = f"{usage.free / 1e9:.1f} GB of {usage.total / 1e9:.0f} GB are free; below {reserve_bytes / 1e9:.1f} GB "
     sentence += "it counts as full"
     cure = "delete scans and reconstructions that nobody needs, or move the data folder to a larger disk"
-    yield DoctorFinding("disk", state, sentence, "" if state is State.GOOD else cure)
+    yield DoctorFinding(state, "disk", sentence, "" if state is State.GOOD else cure)
     names = os.statvfs(folder)
     if names.f_files and names.f_favail < names.f_files // 100:
         sentence = f"{names.f_favail} names of {names.f_files} are left on the disk (inodes)"

@@ -40,7 +40,10 @@ def database(storage: StorageSettings, settings: ServiceSettings) -> Iterator[Do
                 refuse_used(store.files.folder)
             yield _migration(report)
             if report.migration == report.newest_migration:
-                damage = _damage(store)
+                damaged = store.damage()
+                damage = good("tables", "whole, and of this version")
+                if damaged:
+                    damage = bad("tables", f"the database's file is damaged: {damaged[0]}", _RESTORE)
                 yield damage
                 folder = _folder(store)
                 yield folder
@@ -58,7 +61,7 @@ def database(storage: StorageSettings, settings: ServiceSettings) -> Iterator[Do
                         f"days were counted last at {since.isoformat(timespec='seconds')}: nothing goes by its age"
                     )
                     cure = "check the clock, then confirm the rules on the page /retention"
-                    yield DoctorFinding("retention", State.WATCH, sentence, cure)
+                    yield watch("retention", sentence, cure)
     except StorageMisconfigured as error:
         yield bad("database", str(error), _RESTORE if storage.is_one_file else "mend SAWMILL_DATABASE_URL")
     except StorageError as error:
@@ -77,15 +80,15 @@ def backup(folder: Path) -> DoctorFinding:
     """Report the age of the newest backup; its files are not checked, because the backup's disk may be away."""
     newest = newest_backup(folder)
     if newest is None:
-        return DoctorFinding("backup", State.WATCH, "none was taken of this data folder", _TAKE)
+        return watch("backup", "none was taken of this data folder", _TAKE)
     age = datetime.now(UTC) - newest.taken_at
     sentence = f"the newest is {age / timedelta(days=1):.1f} days old: {newest.path}"
     if newest.lacking:
         sentence += f", and lacks {newest.lacking} files that rows name"
-        return DoctorFinding("backup", State.BAD, sentence, "take one by hand, which names them: sawmill backup FOLDER")
+        return bad("backup", sentence, "take one by hand, which names them: sawmill backup FOLDER")
     if age > _OLD:
-        return DoctorFinding("backup", State.WATCH, sentence, _TAKE)
-    return DoctorFinding("backup", State.GOOD, sentence)
+        return watch("backup", sentence, _TAKE)
+    return good("backup", sentence)
 
 
 def broker(url: str | None) -> DoctorFinding:
@@ -120,13 +123,6 @@ def _migration(report: DatabaseReport) -> DoctorFinding:
     if report.answered_s > _SLOW_S:
         return watch("database", sentence, "look at the load of its machine and its disk")
     return good("database", sentence)
-
-
-def _damage(store: Store) -> DoctorFinding:
-    damage = store.damage()
-    if damage:
-        return bad("tables", f"the database's file is damaged: {damage[0]}", _RESTORE)
-    return good("tables", "whole, and of this version")
 
 
 def _files(store: Store) -> DoctorFinding:

@@ -24,6 +24,7 @@ from sawmill_service.access import (
 )
 from sawmill_service.http.bodies.body_sums import checked
 from sawmill_service.http.limits.rates import Rates, who
+from sawmill_service.http.middleware import Middleware
 from sawmill_service.http.problems import COME_BACK, Refused, is_navigation, refusal_response
 from sawmill_service.http.route_rules import NoKey, no_key, rules_of
 from sawmill_service.settings import ServiceSettings
@@ -47,15 +48,10 @@ PROTECTION = {
 log = structlog.get_logger(__name__)
 
 
-class ProtectiveHeaders:
+class ProtectiveHeaders(Middleware):
     """Middleware that adds the protective headers to every answer that does not set them itself."""
 
-    def __init__(self, app: ASGIApp) -> None:
-        self.app = app
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer one request."""
-
+    async def _answer(self, scope: Scope, receive: Receive, send: Send) -> None:
         async def send_protected(message: Message) -> None:
             if message["type"] == "http.response.start":
                 headers = MutableHeaders(scope=message)
@@ -69,7 +65,7 @@ class ProtectiveHeaders:
         await self.app(scope, receive, send_protected)
 
 
-class Gate:
+class Gate(Middleware):
     """Middleware that refuses unknown hosts, other sites' writes, requests without a key, and large or damaged bodies.
 
     A browser sends the password of HTTP Basic with all requests of a page, so other sites are refused first.
@@ -85,16 +81,12 @@ class Gate:
         refusals: Rates,
         stopping: Stopping,
     ) -> None:
-        self.app = app
+        super().__init__(app)
         self.settings, self.access, self.open_files = settings, access, open_files
         self.allowed_hosts = frozenset(host.lower() for host in settings.names)
         self.refusals, self.stopping = refusals, stopping
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request on, or answer it with a problem."""
-        if scope["type"] != "http":
-            await self.app(scope, receive, send)
-            return
+    async def _answer(self, scope: Scope, receive: Receive, send: Send) -> None:
         headers, rule = Headers(scope=scope), rules_of(scope).get(scope["method"])
         largest_file = rule.max_body(self.settings) if rule and rule.max_body else None
         limit = largest_file or self.settings.max_json_bytes
@@ -165,17 +157,12 @@ def _refusal(scope: Scope, refused: Refused) -> Response:
     if unknown and is_navigation(headers):
         return RedirectResponse(_login_before(scope, headers), status_code=303)
     answer = refusal_response(scope["path"], refused)
+    of_page = "sec-fetch-mode" in headers or SESSION_COOKIE in headers.get("cookie", "")
     for challenge in CHALLENGES if unknown else ():
-        if challenge.startswith("Bearer") or not _is_browser(headers):
+        # A challenge of HTTP Basic would open a browser's password window over a page of ours.
+        if challenge.startswith("Bearer") or not of_page or "authorization" in headers:
             answer.headers.append("WWW-Authenticate", challenge)
     return answer
-
-
-def _is_browser(headers: Headers) -> bool:
-    """Return whether a page of ours sent this: a challenge of HTTP Basic would open the browser's password window."""
-    return (
-        "sec-fetch-mode" in headers or SESSION_COOKIE in headers.get("cookie", "")
-    ) and "authorization" not in headers
 
 
 def _login_before(scope: Scope, headers: Headers) -> str:

@@ -2,10 +2,9 @@
 
 import re
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from http import HTTPMethod, HTTPStatus
-from typing import Any
 from uuid import uuid4
 
 import anyio
@@ -18,6 +17,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from structlog.contextvars import bound_contextvars, clear_contextvars
 
 from sawmill_service.access import client_address
+from sawmill_service.http.middleware import Middleware
 from sawmill_service.http.problems import problem_response
 
 CLIENT_GONE = 499  # nobody reads this status; it keeps broken connections apart in the counts
@@ -30,11 +30,11 @@ REFUSALS = frozenset({401, 403, 421, 429})
 log = structlog.get_logger(__name__)
 
 
-class Observer:
+class Observer(Middleware):
     """Middleware that counts and times requests by route, and logs and answers unexpected errors."""
 
     def __init__(self, app: ASGIApp, *, registry: CollectorRegistry) -> None:
-        self.app = app
+        super().__init__(app)
         self.requests = Counter(
             "sawmill_http_requests",
             "Requests that this process answered; status 499: the client left.",
@@ -48,11 +48,7 @@ class Observer:
             registry=registry,
         )
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer one request."""
-        if scope["type"] != "http":
-            await self.app(scope, receive, send)
-            return
+    async def _answer(self, scope: Scope, receive: Receive, send: Send) -> None:
         status: int | None = None
         sent_bytes = 0
 
@@ -120,28 +116,24 @@ HEADER = "X-Request-Id"
 _SAFE = re.compile(r"[A-Za-z0-9][A-Za-z0-9._:-]{0,63}")
 
 
-class RequestIds:
+class RequestIds(Middleware):
     """Middleware that gives each request an id, and puts the ids of request, key and job on the answer.
 
     The id is the client's if that is safe. Until the request is answered, `structlog.contextvars` has the id as
     `request_id`, also in the threads that handle the request, and so has `scope["state"]`.
     """
 
-    def __init__(self, app: ASGIApp) -> None:
-        self.app = app
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer one request."""
-        if scope["type"] != "http":
-            await self.app(scope, receive, send)
-            return
+    async def _answer(self, scope: Scope, receive: Receive, send: Send) -> None:
         client_id = Headers(scope=scope).get(HEADER)
         with named_request(client_id if client_id is not None and _SAFE.fullmatch(client_id) else None) as request_id:
-            scope.setdefault("state", {})["request_id"] = request_id
+            state = scope.setdefault("state", {})
+            state["request_id"] = request_id
 
             async def send_named(message: Message) -> None:
                 if message["type"] == "http.response.start":
-                    MutableHeaders(scope=message).update({HEADER: request_id, **_key_and_job(scope["state"])})
+                    key_id, job_id = getattr(state.get("caller"), "key_id", None), state.get("job_id")
+                    ids = {HEADER: request_id, "X-Key-Id": key_id, "X-Job-Id": job_id}
+                    MutableHeaders(scope=message).update({name: value for name, value in ids.items() if value})
                 await send(message)
 
             await self.app(scope, receive, send_named)
@@ -157,21 +149,11 @@ def named_request(client_id: str | None = None) -> Iterator[str]:
         yield request_id
 
 
-def _key_and_job(state: Mapping[str, Any]) -> dict[str, str]:
-    """Return the ids of the request's key and of the job that it queued, if there are any."""
-    ids = {"X-Key-Id": getattr(state.get("caller"), "key_id", None), "X-Job-Id": state.get("job_id")}
-    return {name: value for name, value in ids.items() if value is not None}
-
-
-class Heads:
+class Heads(Middleware):
     """Middleware that answers HEAD as GET, but does not start the file or stream after the headers."""
 
-    def __init__(self, app: ASGIApp) -> None:
-        self.app = app
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer one request."""
-        if scope["type"] != "http" or scope["method"] != "HEAD":
+    async def _answer(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["method"] != "HEAD":
             await self.app(scope, receive, send)
             return
         # Ranges are for GET only (RFC 9110, section 14.2).

@@ -23,7 +23,7 @@ from sawmill_platform.errors import StorageError
 from sawmill_platform.files.upload_stream import Received
 from sawmill_platform.keys.repeats import KeptAnswer, KeyedRequest, Repeats
 from sawmill_service.access import caller_of
-from sawmill_service.dependencies import TheFiles, TheRepeats
+from sawmill_service.dependencies import TheStore
 from sawmill_service.http.problems import Refused
 from sawmill_service.uploads import body_begun, body_sha256, check_no_file
 from sawmill_store.mill_files import MillFiles
@@ -122,18 +122,14 @@ class Repeatable:
         )
 
 
-async def _repeatable(
-    request: Request, response: Response, repeats: TheRepeats, files: TheFiles, key: Key = None
-) -> Repeatable:
+async def _repeatable(request: Request, response: Response, store: TheStore, key: Key = None) -> Repeatable:
     """Return the repeatable request of a route whose body is JSON or empty."""
-    return Repeatable(request, response, repeats, files, _keyed(request, key, await request.body()))
+    return Repeatable(request, response, store.repeats, store.files, _keyed(request, key, await request.body()))
 
 
-async def _repeatable_with_file(
-    request: Request, response: Response, repeats: TheRepeats, files: TheFiles, key: Key = None
-) -> Repeatable:
+async def _repeatable_with_file(request: Request, response: Response, store: TheStore, key: Key = None) -> Repeatable:
     """Return the repeatable request of a route whose body is a file."""
-    return Repeatable(request, response, repeats, files, _keyed(request, key, b""))
+    return Repeatable(request, response, store.repeats, store.files, _keyed(request, key, b""))
 
 
 def _keyed(request: Request, key: str | None, body: bytes) -> KeyedRequest | None:

@@ -58,12 +58,10 @@ _FORM_BYTES = 8192
 class NoKey(StrEnum):
     """Requests that a route answers without a key."""
 
+    # All requests: the route reports the state of the service alone. Their rate is counted apart.
     MONITORING = "monitoring"
-    """All requests: the route reports the state of the service alone. Their rate is counted apart."""
-    LOGIN = "login"
-    """All requests: the route is the login, or the login page loads it."""
-    AFTER_REFUSAL = "after refusal"
-    """Requests whose key is missing or wrong: the route explains refusals."""
+    LOGIN = "login"  # all requests: the route is the login, or the login page loads it
+    AFTER_REFUSAL = "after refusal"  # requests whose key is missing or wrong: the route explains refusals
 
 
 @dataclass(frozen=True)

@@ -36,6 +36,7 @@ DEVIATIONS = 2.0
 # A small chart: size, margin, its upper edge in tolerances, and two points a day.
 SMALL_PX, SMALL_MARGIN_PX, SMALL_TOLERANCES, SMALL_PARTS = (150, 40), 4, 1.6, 30
 
+_TONES = {None: "idle", True: "good", False: "bad"}  # by whether a movement is within its tolerance
 Value = Callable[[Movement], float | None]
 
 
@@ -321,7 +322,7 @@ def _panel(
         return round(height - PAD_PX - share * (height - 2 * PAD_PX), 1)
 
     marks = [
-        ChartMark(x, y(number), one.kind.value, _tone(one), number > high, quantity.is_pooled(one))
+        ChartMark(x, y(number), one.kind.value, _TONES[one.within_tolerance], number > high, quantity.is_pooled(one))
         for x, number, one in samples
     ]
     values = ticks(low, high, 4 if height >= HEIGHT_PX else 3)
@@ -381,12 +382,6 @@ def _alarms(marks: Iterable[HistoryMark], opened: Iterable[Alarm], span: Span) -
             periods.append((since.pop(mark.alarm, span.start), mark.at))
     periods += [(since.get(alarm.kind, span.start), span.end) for alarm in opened]
     return [(span.x(start), round(span.x(end) - span.x(start), 2)) for start, end in periods]
-
-
-def _tone(one: Movement) -> str:
-    if one.within_tolerance is None:
-        return "idle"
-    return "good" if one.within_tolerance else "bad"
 
 
 def _points(places: Iterable[tuple[float, float]]) -> str:

@@ -11,7 +11,8 @@ from sawmill_platform.contracts.base import Identifier, Page
 from sawmill_platform.contracts.jobs import Job, JobKind, JobState
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import Conflict
-from sawmill_service.dependencies import TheEvents, TheJobs
+from sawmill_platform.jobs.job_store import Jobs
+from sawmill_service.dependencies import TheStore
 from sawmill_service.http.responses.answers import Paging
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
@@ -48,34 +49,34 @@ TheJobsFilter = Annotated[JobsPageFilter, Query()]
 
 
 @router.get(JOBS)
-def jobs(page: ThePage, jobs: TheJobs, chosen: TheJobsFilter) -> HTMLResponse:
+def jobs(page: ThePage, store: TheStore, chosen: TheJobsFilter) -> HTMLResponse:
     """Show the page."""
-    return _answer("jobs.html", page, jobs, chosen)
+    return _answer("jobs.html", page, store.jobs, chosen)
 
 
 @router.get(f"{JOBS}/now")
-def now(page: ThePage, jobs: TheJobs, chosen: TheJobsFilter) -> HTMLResponse:
+def now(page: ThePage, store: TheStore, chosen: TheJobsFilter) -> HTMLResponse:
     """Return the part of the page that changes, for its script."""
-    return _answer("jobs_now.html", page, jobs, chosen)
+    return _answer("jobs_now.html", page, store.jobs, chosen)
 
 
 @router.get(JOBS + "/{job_id}/history")
-def history(job_id: Identifier, page: ThePage, events: TheEvents) -> HTMLResponse:
+def history(job_id: Identifier, page: ThePage, store: TheStore) -> HTMLResponse:
     """Show the attempts at a job and the outcome of each, as a part of the page."""
-    return page.answer("job_history.html", events=events.of_job(job_id), fates=FATES)
+    return page.answer("job_history.html", events=store.events.of_job(job_id), fates=FATES)
 
 
 @router.post(JOBS + "/{job_id}/cancel", needs=Scope.SUBMIT)
-def cancel(job_id: Identifier, jobs: TheJobs) -> RedirectResponse:
+def cancel(job_id: Identifier, store: TheStore) -> RedirectResponse:
     """Cancel a job; a job that has already ended is left as it is, and the page shows how it ended."""
     try:
-        jobs.request_cancel(job_id)
+        store.jobs.request_cancel(job_id)
     except Conflict:
-        jobs.get(job_id)
+        store.jobs.get(job_id)
     return RedirectResponse(JOBS, status_code=303)
 
 
-def _answer(template: str, page: PageFrame, jobs: TheJobs, chosen: JobsPageFilter) -> HTMLResponse:
+def _answer(template: str, page: PageFrame, jobs: Jobs, chosen: JobsPageFilter) -> HTMLResponse:
     shown = _shown(page, jobs, chosen)
     kinds = {declared.kind: declared.label for declared in KINDS}
     return page.answer(
@@ -83,7 +84,7 @@ def _answer(template: str, page: PageFrame, jobs: TheJobs, chosen: JobsPageFilte
     )
 
 
-def _shown(page: PageFrame, jobs: TheJobs, chosen: JobsPageFilter) -> JobsShown:
+def _shown(page: PageFrame, jobs: Jobs, chosen: JobsPageFilter) -> JobsShown:
     kind, older = chosen.kind or None, chosen.after is not None
 
     def views(state: JobState, first: Callable[[], Sequence[Job]]) -> list[JobView] | None:
@@ -100,7 +101,7 @@ def _shown(page: PageFrame, jobs: TheJobs, chosen: JobsPageFilter) -> JobsShown:
     )
 
 
-def _ended(jobs: TheJobs, chosen: JobsPageFilter) -> Page[Job] | None:
+def _ended(jobs: Jobs, chosen: JobsPageFilter) -> Page[Job] | None:
     kind, state = chosen.kind or None, chosen.state
     if not state:
         return jobs.ended_page(kind=kind, after=chosen.after, limit=LISTED)

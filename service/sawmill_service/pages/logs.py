@@ -15,7 +15,7 @@ from sawmill_platform.contracts.base import Identifier, placed_complaint
 from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import NotFound
-from sawmill_service.dependencies import TheFiles, TheReconstructions, TheSettings, TheStore
+from sawmill_service.dependencies import TheSettings, TheStore
 from sawmill_service.drawing import scan_if_kept
 from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.route_rules import Router
@@ -23,6 +23,8 @@ from sawmill_service.pages.frame.languages import COLOR_MAPS, LOG_STATES
 from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
 from sawmill_service.pages.job_words import stages
 from sawmill_service.pages.lists import TheFilter
+from sawmill_store.calibrations import Reconstructions
+from sawmill_store.mill_files import MillFiles
 from sawmill_store.store import Store
 from sawmill_vocabulary import ReconstructionMethod
 
@@ -112,7 +114,7 @@ def name_of(page: PageFrame, log: Reconstruction, scanner: str) -> str:
     return log.name or default % {"scanner": scanner, "number": log.number, "time": page.formats.hour(log.created_at)}
 
 
-def _others(reconstructions: TheReconstructions, log: Reconstruction) -> dict[str, Reconstruction]:
+def _others(reconstructions: Reconstructions, log: Reconstruction) -> dict[str, Reconstruction]:
     """Find ready logs to compare with a log, by their ids; logs of the same scan come first."""
     same_scan = reconstructions.page(scan_id=log.scan_id, limit=_OTHERS).items
     same_scanner = reconstructions.page(scanner_id=log.scanner_id, limit=_OTHERS).items
@@ -124,7 +126,7 @@ def _calibrations_of(store: Store, logs: Iterable[Reconstruction]) -> dict[str, 
     return store.calibrations.several({log.calibration_id for log in logs if log.calibration_id})
 
 
-def _volume(files: TheFiles, log: Reconstruction, calibrations: Mapping[str, Calibration]) -> dict[str, Any] | None:
+def _volume(files: MillFiles, log: Reconstruction, calibrations: Mapping[str, Calibration]) -> dict[str, Any] | None:
     """Describe where a volume's slices and pixels lie, and how well, for the viewer's script; None without its file."""
     from sawmill_formats.output.volume_reader import volume_grid  # noqa: PLC0415 - a service that shows none has no h5py
 

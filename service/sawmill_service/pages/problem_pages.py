@@ -7,9 +7,10 @@ from typing import Annotated, Any
 from fastapi import Path, Request, Response
 from fastapi.responses import RedirectResponse
 from starlette.datastructures import Headers, MutableHeaders
-from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.types import Message, Receive, Scope, Send
 
 from sawmill_service.http.document.described_answers import refuses
+from sawmill_service.http.middleware import Middleware
 from sawmill_service.http.problem_types import CODE_PATTERN, PATH, ProblemType, ProblemTypes, problem_types
 from sawmill_service.http.problems import MEDIA_TYPE, Refused, is_navigation
 from sawmill_service.http.route_rules import NoKey, Router
@@ -110,15 +111,11 @@ _OURS = (
 _OTHER = (marked("This did not work"), marked("Go back, and try it in another way."), False)
 
 
-class ProblemPages:
+class ProblemPages(Middleware):
     """Middleware that turns a problem into a page where a browser waits for one."""
 
-    def __init__(self, app: ASGIApp) -> None:
-        self.app = app
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer one request."""
-        if scope["type"] != "http" or not is_navigation(Headers(scope=scope)):
+    async def _answer(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if not is_navigation(Headers(scope=scope)):
             await self.app(scope, receive, send)
             return
         await self.app(scope, receive, _Rewriter(scope, send))

@@ -13,7 +13,7 @@ from sawmill_mill.alarms import shift_end
 from sawmill_platform.contracts.base import Identifier, Name, Page
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.keys import Scope
-from sawmill_service.dependencies import TheAlarms, TheStore
+from sawmill_service.dependencies import TheStore
 from sawmill_service.http.bodies.sent_json import Sent
 from sawmill_service.http.document.described_answers import refuses
 from sawmill_service.http.document.openapi_document import trying
@@ -27,7 +27,7 @@ router = Router(tags=["scanners"], reading=Scope.READ)
 
 @router.get("/v1/alarms", summary="List open alarms")
 def list_alarms(
-    alarms: TheAlarms,
+    store: TheStore,
     scanner_id: Annotated[
         Identifier | None,
         Query(description="Id of the scanner whose alarms are listed. Default: all scanners.", examples=["example"]),
@@ -37,7 +37,7 @@ def list_alarms(
 
     The scanner's `alarms` have the limits.
     """
-    return Page[Alarm](items=alarms.open(scanner_id=scanner_id))
+    return Page[Alarm](items=store.alarms.open(scanner_id=scanner_id))
 
 
 class AcknowledgementRequest(Given):

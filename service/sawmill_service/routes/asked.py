@@ -7,13 +7,12 @@ from fastapi import Depends, Path, Query, Response
 from pydantic import Field, create_model
 
 from sawmill_contracts.calibrations import CalibrationSucceeded
-from sawmill_contracts.declared_kinds import asked_kinds
 from sawmill_contracts.kinds import AskedKind, Operation, Reference
 from sawmill_mill.next_step import step_alone
 from sawmill_platform.contracts.base import Contract, Identifier, Page
 from sawmill_platform.contracts.jobs import JobState, Priority
 from sawmill_platform.contracts.keys import Scope
-from sawmill_service.dependencies import TheCaller, TheSettings, TheWake, part
+from sawmill_service.dependencies import TheCaller, TheSettings, TheStore, TheWake
 from sawmill_service.http.bodies.sent_json import Strictly
 from sawmill_service.http.document.described_answers import Responses, refuses, refuses_ask
 from sawmill_service.http.document.old_names import announce, announced
@@ -22,24 +21,18 @@ from sawmill_service.http.repeats import repeatable
 from sawmill_service.http.responses.answers import Dated, RequestPriority, accept
 from sawmill_service.http.responses.waiting import TheWaiting
 from sawmill_service.http.route_rules import Router
-from sawmill_store.requests.asked import Asked
 
 
-def routers() -> list[Router]:
-    """Return a router for each kind."""
-    return [_router(declared) for declared in asked_kinds()]
-
-
-def _router(declared: AskedKind[Any, Any]) -> Router:
+def router_of(declared: AskedKind[Any, Any]) -> Router:
+    """Return the router of a kind."""
     router = Router(tags=[declared.tag or declared.kind.plural], reading=Scope.READ)
     folder = f"/v1/{declared.kind.plural}"
     noun, plural = (name.replace("-", "_") for name in (declared.noun, declared.kind.plural))
-    stored = part(lambda store: store.asked(declared))
 
     def ask(
         ask: Contract,
         path_ids: Annotated[Mapping[str, str], Depends(_ids_in_path(declared))],
-        asked: Annotated[Asked[Any, Any], stored],
+        store: TheStore,
         settings: TheSettings,
         wake: TheWake,
         caller: TheCaller,
@@ -47,22 +40,20 @@ def _router(declared: AskedKind[Any, Any]) -> Router:
         priority: Annotated[RequestPriority, Query()] = Priority.INTERACTIVE,
     ) -> Any:  # noqa: ANN401 - the kind's answer
         caller.check(declared.needed_scope(ask))
-        answer = asked.accept(ask, priority=priority, given=path_ids)
+        answer = store.asked(declared).accept(ask, priority=priority, given=path_ids)
         wake(answer.job_id)
         accept(response, f"{folder}/{answer.id}", settings.retry_after_s)
         announce(ask, caller, response)
         return linked(declared, answer)
 
-    def list_all(query: Dated, asked: Annotated[Asked[Any, Any], stored]) -> Any:  # noqa: ANN401 - a page of answers
-        page = asked.page(**query.model_dump())
+    def list_all(query: Dated, store: TheStore) -> Any:  # noqa: ANN401 - a page of answers
+        page = store.asked(declared).page(**query.model_dump())
         return page.model_copy(update={"items": [linked(declared, item) for item in page.items]})
 
     async def get(
-        identifier: Annotated[Identifier, Path(alias=declared.id_name)],
-        asked: Annotated[Asked[Any, Any], stored],
-        waiting: TheWaiting,
+        identifier: Annotated[Identifier, Path(alias=declared.id_name)], store: TheStore, waiting: TheWaiting
     ) -> Any:  # noqa: ANN401 - the kind's answer
-        return linked(declared, await waiting.read(lambda: asked.get(identifier)))
+        return linked(declared, await waiting.read(lambda: store.asked(declared).get(identifier)))
 
     # Types of body and query for FastAPI, which are known only here.
     ask.__annotations__["ask"] = Annotated[declared.ask, Strictly()]

@@ -1,6 +1,5 @@
 """/v1/audit."""
 
-from collections.abc import Iterator
 from typing import Annotated
 
 from fastapi import Query, Request, Response
@@ -9,25 +8,21 @@ from fastapi.responses import StreamingResponse
 from sawmill_platform.contracts.audit import AuditEntry
 from sawmill_platform.contracts.base import Page
 from sawmill_platform.contracts.keys import Scope
-from sawmill_service.dependencies import TheAudit
+from sawmill_service.dependencies import TheStore
 from sawmill_service.http.document.described_answers import SAVED, refuses
-from sawmill_service.http.responses.answers import NumberedPaging
+from sawmill_service.http.responses.answers import NumberedPaging, of_type
 from sawmill_service.http.responses.conditional import check_conditions
 from sawmill_service.http.route_rules import Router
+
+JsonLines = of_type("application/jsonl", StreamingResponse)
 
 router = Router(tags=["keys"], reading=Scope.ADMIN)
 
 
-class JsonLines(StreamingResponse):
-    """Lines of one JSON object each."""
-
-    media_type = "application/jsonl"
-
-
 @router.get("/v1/audit", summary="List who did what, newest first", responses=refuses("invalid-cursor"))
-def list_audit(paging: Annotated[NumberedPaging, Query()], audit: TheAudit) -> Page[AuditEntry]:
+def list_audit(paging: Annotated[NumberedPaging, Query()], store: TheStore) -> Page[AuditEntry]:
     """List activations, roll-backs, deletions, changes of scanners and schedules, cancelled jobs, keys and logins."""
-    return audit.page(after=paging.after, limit=paging.limit)
+    return store.audit.page(after=paging.after, limit=paging.limit)
 
 
 @router.get(
@@ -36,15 +31,11 @@ def list_audit(paging: Annotated[NumberedPaging, Query()], audit: TheAudit) -> P
     response_class=JsonLines,
     responses=SAVED | refuses("precondition-failed"),
 )
-def get_audit_file(request: Request, audit: TheAudit) -> Response:
+def get_audit_file(request: Request, store: TheStore) -> Response:
     """Send all entries, oldest first, as one JSON object a line."""
     # A weak tag: entries that are added while the file is sent are sent too.
-    tag = 'W/"{}-{}"'.format(*audit.extent())
+    tag = 'W/"{}-{}"'.format(*store.audit.extent())
     if held := check_conditions(request.headers, tag):
         return held
-    return JsonLines(_lines(audit), headers={"Content-Disposition": 'attachment; filename="audit.jsonl"', "ETag": tag})
-
-
-def _lines(audit: TheAudit) -> Iterator[str]:
-    for entry in audit.all():
-        yield entry.model_dump_json() + "\n"
+    lines = (entry.model_dump_json() + "\n" for entry in store.audit.all())
+    return JsonLines(lines, headers={"Content-Disposition": 'attachment; filename="audit.jsonl"', "ETag": tag})

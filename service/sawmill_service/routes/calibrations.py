@@ -12,7 +12,7 @@ from sawmill_contracts.scanners import StoredScanner
 from sawmill_platform.contracts.base import Identifier, Name
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.keys import Scope
-from sawmill_service.dependencies import TheCalibrations, TheStore
+from sawmill_service.dependencies import TheStore
 from sawmill_service.drawing import FIGURE_BYTES, CalibrationPicture, calibration_picture, report_picture
 from sawmill_service.http.bodies.sent_json import Sent
 from sawmill_service.http.document.described_answers import refuses, stored
@@ -25,6 +25,7 @@ from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.frame.languages import Language
 from sawmill_service.pages.frame.page_frame import formats_of
 from sawmill_service.scanner_conditions import step_with
+from sawmill_store.calibrations import Calibrations
 
 router = Router(prefix="/v1/calibrations", tags=["calibrations"], reading=Scope.READ)
 
@@ -88,9 +89,9 @@ def get_report(
     summary="Get the phantom with its outline",
     responses=stored("calibration-not-found", "calibration-without-result"),
 )
-def get_overlay(calibration_id: Identifier, request: Request, calibrations: TheCalibrations) -> Response:
+def get_overlay(calibration_id: Identifier, request: Request, store: TheStore) -> Response:
     """Draw the phantom reconstructed with the calibrated theta, and its outline; drawn once and stored."""
-    return _picture(request, calibrations, calibration_id, CalibrationPicture.OVERLAY)
+    return _picture(request, store.calibrations, calibration_id, CalibrationPicture.OVERLAY)
 
 
 @router.get(
@@ -99,12 +100,12 @@ def get_overlay(calibration_id: Identifier, request: Request, calibrations: TheC
     summary="Get the log before the calibration",
     responses=stored("calibration-not-found", "calibration-without-result", "no-log"),
 )
-def get_log_before(calibration_id: Identifier, request: Request, calibrations: TheCalibrations) -> Response:
+def get_log_before(calibration_id: Identifier, request: Request, store: TheStore) -> Response:
     """Draw a log of the same scan with the calibration that was active then; without one, neither shifted nor tilted.
 
     The picture has the grey window and the size of `log-after.png`. 404 where the scan shows no log beside the phantom.
     """
-    return _picture(request, calibrations, calibration_id, CalibrationPicture.LOG_BEFORE)
+    return _picture(request, store.calibrations, calibration_id, CalibrationPicture.LOG_BEFORE)
 
 
 @router.get(
@@ -113,9 +114,9 @@ def get_log_before(calibration_id: Identifier, request: Request, calibrations: T
     summary="Get the log with the calibration",
     responses=stored("calibration-not-found", "calibration-without-result", "no-log"),
 )
-def get_log_after(calibration_id: Identifier, request: Request, calibrations: TheCalibrations) -> Response:
+def get_log_after(calibration_id: Identifier, request: Request, store: TheStore) -> Response:
     """Draw a log of the same scan with this calibration. 404 where the scan shows no log beside the phantom."""
-    return _picture(request, calibrations, calibration_id, CalibrationPicture.LOG_AFTER)
+    return _picture(request, store.calibrations, calibration_id, CalibrationPicture.LOG_AFTER)
 
 
 @router.get(
@@ -124,13 +125,13 @@ def get_log_after(calibration_id: Identifier, request: Request, calibrations: Th
     summary="Get the calibration as HDF5",
     responses=stored("calibration-not-found", "calibration-without-result", "result-h5-not-found"),
 )
-def get_calibration_file(calibration_id: Identifier, request: Request, calibrations: TheCalibrations) -> Response:
+def get_calibration_file(calibration_id: Identifier, request: Request, store: TheStore) -> Response:
     """Return every number, with the sinogram, its model and the residual."""
-    succeeded(calibrations, calibration_id, "result.h5")
-    files = calibrations.files
+    succeeded(store.calibrations, calibration_id, "result.h5")
+    files = store.calibrations.files
     path = files.unverified(kinds.CALIBRATE, calibration_id, "result.h5")
     name = f"calibration-{calibration_id}.h5"
-    return file(request, path, Hdf5.media_type, save_as=name, digest=files.verified.digest)
+    return file(request, path, "application/x-hdf5", save_as=name, digest=files.verified.digest)
 
 
 @router.post(
@@ -142,10 +143,10 @@ def get_calibration_file(calibration_id: Identifier, request: Request, calibrati
 )
 @repeatable
 def activate_calibration(
-    calibration_id: Identifier, calibrations: TheCalibrations, activate: Sent[ActivationRequest] = BY_HAND
+    calibration_id: Identifier, store: TheStore, activate: Sent[ActivationRequest] = BY_HAND
 ) -> StoredScanner:
     """Use the calibration from now on; an older one is a roll-back. Refused (409) where it has no answer."""
-    return calibrations.activate(calibration_id, activate.reason)
+    return store.calibrations.activate(calibration_id, activate.reason)
 
 
 @router.post(
@@ -156,21 +157,19 @@ def activate_calibration(
     responses=refuses("calibration-not-found", "calibration-unfinished", "calibration-in-use"),
 )
 @repeatable
-def discard_calibration(
-    calibration_id: Identifier, calibrations: TheCalibrations, discard: Sent[DiscardRequest]
-) -> StoredScanner:
+def discard_calibration(calibration_id: Identifier, store: TheStore, discard: Sent[DiscardRequest]) -> StoredScanner:
     """Put it aside: its scanner is shown without it, and it stays stored. Refused (409) while it runs or is in use."""
-    return calibrations.discard(calibration_id, discard.reason)
+    return store.calibrations.discard(calibration_id, discard.reason)
 
 
 def _picture(
-    request: Request, calibrations: TheCalibrations, calibration_id: str, picture: CalibrationPicture
+    request: Request, calibrations: Calibrations, calibration_id: str, picture: CalibrationPicture
 ) -> Response:
     succeeded(calibrations, calibration_id, picture)
     return kept_picture(request, FIGURE_BYTES, lambda: calibration_picture(calibrations.files, calibration_id, picture))
 
 
-def succeeded(calibrations: TheCalibrations, calibration_id: str, name: str) -> CalibrationSucceeded:
+def succeeded(calibrations: Calibrations, calibration_id: str, name: str) -> CalibrationSucceeded:
     """Return a calibration that has succeeded; `name` is the requested file, for the refusal.
 
     Raises

@@ -16,10 +16,10 @@ from sawmill_mill.alarms import shift_end
 from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.files.file_store import EXAMPLES
-from sawmill_service.dependencies import TheAlarms, TheCalibrations, TheCaller, TheFiles, TheStore
+from sawmill_service.dependencies import TheCaller, TheStore
 from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.problems import Refused
-from sawmill_service.http.responses.answers import file
+from sawmill_service.http.responses.answers import file, of_type
 from sawmill_service.http.responses.drawn import picture
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.frame.page_frame import ThePage, local_path
@@ -30,12 +30,7 @@ from sawmill_service.scanner_conditions import condition_of
 STATIC = Path(__file__).parent.parent / "static"
 
 LONGEST_REASON = 200
-
-
-class JsonText(Response):
-    """A text that is JSON."""
-
-    media_type = "application/json"
+JsonText = of_type("application/json")
 
 
 class WholeFiles(StaticFiles):
@@ -72,23 +67,23 @@ def openapi(request: Request) -> Response:
 
 
 @router.get("/examples/phantom-scan.npz")
-def example_scan(request: Request, files: TheFiles) -> Response:
+def example_scan(request: Request, store: TheStore) -> Response:
     """Return a small scan to upload."""
-    path = files.folder / EXAMPLES / "phantom-scan.npz"
+    path = store.files.folder / EXAMPLES / "phantom-scan.npz"
     return file(request, path, "application/octet-stream", save_as=path.name)
 
 
 @router.post("/operator/activate/{calibration_id}", needs=Scope.ACTIVATE)
-def accept_or_roll_back(calibration_id: Identifier, calibrations: TheCalibrations, typed: TheForm) -> RedirectResponse:
+def accept_or_roll_back(calibration_id: Identifier, store: TheStore, typed: TheForm) -> RedirectResponse:
     """Activate a calibration, for the buttons that accept and roll back; the field `next` leads back to their page."""
-    calibrations.activate(calibration_id, _reason(typed))
+    store.calibrations.activate(calibration_id, _reason(typed))
     return _back(typed)
 
 
 @router.post("/operator/discard/{calibration_id}", needs=Scope.ACTIVATE)
-def discard(calibration_id: Identifier, calibrations: TheCalibrations, typed: TheForm) -> RedirectResponse:
+def discard(calibration_id: Identifier, store: TheStore, typed: TheForm) -> RedirectResponse:
     """Discard a calibration, for the button of pages."""
-    calibrations.discard(calibration_id, _reason(typed))
+    store.calibrations.discard(calibration_id, _reason(typed))
     return _back(typed)
 
 
@@ -101,9 +96,9 @@ def acknowledge_red(scanner_id: Identifier, store: TheStore, typed: TheForm) -> 
 
 
 @router.post("/operator/acknowledge/{scanner_id}/{kind}", needs=Scope.ACTIVATE)
-def acknowledge(scanner_id: Identifier, kind: AlarmKind, alarms: TheAlarms, typed: TheForm) -> RedirectResponse:
+def acknowledge(scanner_id: Identifier, kind: AlarmKind, store: TheStore, typed: TheForm) -> RedirectResponse:
     """Acknowledge an alarm until a time of the reader's clock, or until the end of the shift where none is given."""
-    alarms.acknowledge(scanner_id, kind, _until(typed), _reason(typed))
+    store.alarms.acknowledge(scanner_id, kind, _until(typed), _reason(typed))
     return _back(typed)
 
 

@@ -8,33 +8,23 @@ from pydantic import Field
 
 from sawmill_contracts.inspections import DECLARATION, Inspection, InspectionOptions
 from sawmill_platform.contracts.base import Identifier, Name
-from sawmill_platform.contracts.given import Given
-from sawmill_platform.contracts.jobs import Priority
 from sawmill_platform.contracts.keys import Scope
-from sawmill_service.dependencies import TheInspections, ThePlaces, TheSettings, TheWake
+from sawmill_service.dependencies import TheSettings, TheStore, TheWake
 from sawmill_service.http.document.described_answers import OF_QUEUE, OF_UPLOAD_ID, refuses, refuses_upload
 from sawmill_service.http.document.openapi_document import trying, trying_file
 from sawmill_service.http.repeats import TheRepeatableWithFile
-from sawmill_service.http.responses.answers import RequestPriority, accept
+from sawmill_service.http.responses.answers import accept
 from sawmill_service.http.route_rules import Router
 from sawmill_service.routes.asked import linked
-from sawmill_service.uploads import InspectionId, TheReception, UploadId
+from sawmill_service.uploads import FileQuery, TheReception
 
 router = Router(prefix="/v1/inspections", tags=["inspections"])
 
 
-class InspectionUpload(Given, InspectionOptions):
+class InspectionUpload(FileQuery, InspectionOptions):
     """Query of the upload of a file."""
 
     name: Name = Field("file", description="Name of the file for people.", examples=["mill.h5"])
-    priority: RequestPriority = Priority.INTERACTIVE
-    inspection_id: InspectionId = None
-    upload_id: UploadId = None
-
-    @property
-    def sends_file(self) -> bool:
-        """True if the file is in the body."""
-        return self.inspection_id is None and self.upload_id is None
 
     @property
     def options(self) -> InspectionOptions:
@@ -58,8 +48,7 @@ async def inspect_file(
     *,
     response: Response,
     reception: TheReception,
-    inspections: TheInspections,
-    places: ThePlaces,
+    store: TheStore,
     settings: TheSettings,
     wake: TheWake,
     repeatable: TheRepeatableWithFile,
@@ -67,11 +56,11 @@ async def inspect_file(
     """Inspect a file; the declaration has the public description."""
     async with repeatable.unless_repeated():
         if upload.sends_file:
-            await run_in_threadpool(places.check)
+            await run_in_threadpool(store.places.check)
         received = await reception.file(upload.inspection_id, upload.upload_id, max_bytes=settings.max_upload_bytes)
 
     def accepted() -> Inspection:
-        inspection = inspections.accept_file(upload.options, received, name=upload.name, priority=upload.priority)
+        inspection = store.inspections.accept_file(upload.options, received, name=upload.name, priority=upload.priority)
         wake(inspection.job_id)
         accept(response, f"/v1/inspections/{inspection.id}", settings.retry_after_s)
         return linked(DECLARATION, inspection)  # type: ignore[no-any-return]
@@ -87,6 +76,6 @@ async def inspect_file(
     openapi_extra=trying(inspection_id="example-spare"),
     responses=refuses("inspection-not-found", "inspection-in-use"),
 )
-def delete_inspection(inspection_id: Identifier, inspections: TheInspections) -> None:
+def delete_inspection(inspection_id: Identifier, store: TheStore) -> None:
     """Delete an inspection and its file; a scan made from the file stays. Refused (409) while its job has not ended."""
-    inspections.delete(inspection_id)
+    store.inspections.delete(inspection_id)

@@ -15,13 +15,14 @@ from sawmill_platform.contracts.jobs import Job, JobKind, JobState
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import Conflict, StorageUnavailable
 from sawmill_platform.ledger.events import JobNumbers
-from sawmill_service.dependencies import TheEvents, TheJobs, TheSettings, TheStopping
+from sawmill_service.dependencies import TheSettings, TheStopping, TheStore
 from sawmill_service.event_feed import LastEventId
 from sawmill_service.http.document.described_answers import events, refuses
 from sawmill_service.http.repeats import repeatable
 from sawmill_service.http.responses.answers import Paging, accept
 from sawmill_service.http.responses.waiting import TheWaiting
 from sawmill_service.http.route_rules import Router
+from sawmill_store.store import Store
 
 SHORTEST_PAUSE_S = 0.02
 
@@ -60,15 +61,15 @@ class JobFilter(Paging):
 
 
 @router.get("", summary="List jobs, newest first", responses=refuses("invalid-cursor"))
-def list_jobs(query: Annotated[JobFilter, Query()], jobs: TheJobs) -> Page[Job]:
+def list_jobs(query: Annotated[JobFilter, Query()], store: TheStore) -> Page[Job]:
     """List all jobs, or a selection by kind and state."""
-    return jobs.page(kind=query.kind, state=query.state, after=query.after, limit=query.limit)
+    return store.jobs.page(kind=query.kind, state=query.state, after=query.after, limit=query.limit)
 
 
 @router.get("/{job_id}", summary="Get a job", responses=refuses("job-not-found"))
-async def get_job(job_id: Identifier, jobs: TheJobs, waiting: TheWaiting) -> Job:
+async def get_job(job_id: Identifier, store: TheStore, waiting: TheWaiting) -> Job:
     """Return state, place in the queue, progress, and the reason of a failure; with `wait` when the job has ended."""
-    return await waiting.read(lambda: jobs.get(job_id))
+    return await waiting.read(lambda: store.jobs.get(job_id))
 
 
 class JobNow(NamedTuple):
@@ -79,10 +80,10 @@ class JobNow(NamedTuple):
 
 
 def _to_follow(
-    job_id: Identifier, events: TheEvents, jobs: TheJobs, response: Response, last_event_id: LastEventId = None
+    job_id: Identifier, store: TheStore, response: Response, last_event_id: LastEventId = None
 ) -> JobNow | None:
     """Return the job with which a stream begins; None if the client has seen the end."""
-    now = _read(events, jobs, job_id)
+    now = _read(store, job_id)
     if last_event_id is None or last_event_id != now.numbers.end:
         return now
     response.status_code = HTTPStatus.NO_CONTENT
@@ -96,11 +97,7 @@ def _to_follow(
     responses=DESCRIBED | refuses("job-not-found"),
 )
 async def stream_job(
-    now: Annotated[JobNow | None, Depends(_to_follow)],
-    events: TheEvents,
-    jobs: TheJobs,
-    settings: TheSettings,
-    stopping: TheStopping,
+    now: Annotated[JobNow | None, Depends(_to_follow)], store: TheStore, settings: TheSettings, stopping: TheStopping
 ) -> AsyncIterator[ServerSentEvent]:
     """Stream the job now and at each change; after the event `end` the client closes the stream.
 
@@ -118,7 +115,7 @@ async def stream_job(
         if stopping.begun:
             yield _event("closing", now, retry_ms)
             return
-        before, now = now, await run_in_threadpool(_read_or_keep, events, jobs, now)
+        before, now = now, await run_in_threadpool(_read_or_keep, store, now)
         # The time left changes by itself.
         if now.job.model_copy(update={"seconds_left": before.job.seconds_left}) != before.job:
             yield _event("job", now)
@@ -130,37 +127,37 @@ def _event(name: str, now: JobNow, retry_ms: int | None = None) -> ServerSentEve
     return ServerSentEvent(data=data, event=name, id=str(now.numbers.latest), retry=retry_ms)
 
 
-def _read(events: TheEvents, jobs: TheJobs, job_id: str) -> JobNow:
-    numbers = events.numbers_of_job(job_id)
-    job = jobs.get(job_id)
+def _read(store: Store, job_id: str) -> JobNow:
+    numbers = store.events.numbers_of_job(job_id)
+    job = store.jobs.get(job_id)
     if job.state.ended and numbers.end is None:  # between the two reads
-        numbers = events.numbers_of_job(job_id)
+        numbers = store.events.numbers_of_job(job_id)
     return JobNow(job, numbers)
 
 
-def _read_or_keep(events: TheEvents, jobs: TheJobs, before: JobNow) -> JobNow:
+def _read_or_keep(store: Store, before: JobNow) -> JobNow:
     """Read the job, or return it as it was before if the database does not answer, which a stream outlives."""
     try:
-        return _read(events, jobs, before.job.id)
+        return _read(store, before.job.id)
     except StorageUnavailable:
         return before
 
 
 @router.get("/{job_id}/history", summary="List the attempts at a job", responses=refuses("job-not-found"))
-def get_job_history(job_id: Identifier, events: TheEvents) -> JobHistory:
+def get_job_history(job_id: Identifier, store: TheStore) -> JobHistory:
     """List each attempt with its start, its worker, and its end: `lost`, `postponed`, `given-back` or for good."""
-    return JobHistory(events=events.of_job(job_id))
+    return JobHistory(events=store.events.of_job(job_id))
 
 
 @router.post(
     "/{job_id}/cancel", needs=Scope.SUBMIT, status_code=202, summary="Cancel a job", responses=refuses("job-not-found")
 )
 @repeatable
-def cancel_job(job_id: Identifier, jobs: TheJobs, settings: TheSettings, response: Response) -> Job:
+def cancel_job(job_id: Identifier, store: TheStore, settings: TheSettings, response: Response) -> Job:
     """Cancel a job: a queued job ends at once, a running one within seconds; an ended one is answered as it is."""
     try:
-        job = jobs.request_cancel(job_id)
+        job = store.jobs.request_cancel(job_id)
     except Conflict:  # the job has ended, perhaps a moment ago, as the caller wanted
-        job = jobs.get(job_id)
+        job = store.jobs.get(job_id)
     accept(response, f"/v1/jobs/{job.id}", settings.retry_after_s)
     return job

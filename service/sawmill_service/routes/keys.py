@@ -7,7 +7,7 @@ from pydantic import Field
 
 from sawmill_platform.contracts.base import Contract, Identifier, Name, Page
 from sawmill_platform.contracts.keys import Key, KeyRequest, KeyRotation, NewKey, Scope
-from sawmill_service.dependencies import TheCaller, TheKeys
+from sawmill_service.dependencies import TheCaller, TheStore
 from sawmill_service.http.bodies.sent_json import Sent
 from sawmill_service.http.document.described_answers import refuses
 from sawmill_service.http.document.openapi_document import trying
@@ -46,16 +46,16 @@ def get_current_key(caller: TheCaller) -> CurrentKey:
     responses=refuses("key-expired", "secret-not-repeated"),
 )
 @repeatable
-def create_key(ask: Sent[KeyRequest], keys: TheKeys, response: Response) -> NewKey:
+def create_key(ask: Sent[KeyRequest], store: TheStore, response: Response) -> NewKey:
     """Make a key. Its secret is in this answer and nowhere else."""
     response.headers["Cache-Control"] = "no-store"
-    return keys.create(ask)
+    return store.keys.create(ask)
 
 
 @router.get("", needs=Scope.ADMIN, summary="List keys, newest first", responses=refuses("invalid-cursor"))
-def list_keys(paging: Annotated[Paging, Query()], keys: TheKeys) -> Page[Key]:
+def list_keys(paging: Annotated[Paging, Query()], store: TheStore) -> Page[Key]:
     """List keys without their secrets; with who made them and when they were last used."""
-    return keys.page(after=paging.after, limit=paging.limit)
+    return store.keys.page(after=paging.after, limit=paging.limit)
 
 
 @router.post(
@@ -66,13 +66,15 @@ def list_keys(paging: Annotated[Paging, Query()], keys: TheKeys) -> Page[Key]:
     responses=refuses("key-not-found", "key-ended", "secret-not-repeated"),
 )
 @repeatable
-def rotate_key(key_id: Identifier, keys: TheKeys, response: Response, rotation: Sent[KeyRotation] = AT_ONCE) -> NewKey:
+def rotate_key(
+    key_id: Identifier, store: TheStore, response: Response, rotation: Sent[KeyRotation] = AT_ONCE
+) -> NewKey:
     """Replace the secret, which is valid for the grace period. The new one is in this answer and nowhere else."""
     response.headers["Cache-Control"] = "no-store"
-    return keys.rotate(key_id, grace_s=rotation.grace_s)
+    return store.keys.rotate(key_id, grace_s=rotation.grace_s)
 
 
 @router.delete("/{key_id}", needs=Scope.ADMIN, summary="Revoke a key", responses=refuses("key-not-found"))
-def revoke_key(key_id: Identifier, keys: TheKeys) -> Key:
+def revoke_key(key_id: Identifier, store: TheStore) -> Key:
     """Revoke a key: it is refused from now on, and stays listed."""
-    return keys.revoke(key_id)
+    return store.keys.revoke(key_id)

@@ -11,7 +11,7 @@ from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.keys.key_store import hash_of, hash_of_link
 from sawmill_platform.ledger.events import acting_as
 from sawmill_service.access import CHALLENGES, LOGIN, LOGOUT
-from sawmill_service.dependencies import TheAccess, TheCaller, TheSessionCookie, TheSessions
+from sawmill_service.dependencies import TheAccess, TheCaller, TheSessionCookie, TheStore
 from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.problems import Refused
 from sawmill_service.http.route_rules import NoKey, Router
@@ -40,13 +40,13 @@ def display_page(link: Annotated[str, Path(max_length=64, pattern=r"^[\w-]+$")],
 
 @router.post(LOGIN, needs=NoKey.LOGIN)
 async def log_in(
-    request: Request, fields: TheForm, sessions: TheSessions, access: TheAccess, cookie: TheSessionCookie, page: ThePage
+    request: Request, fields: TheForm, store: TheStore, access: TheAccess, cookie: TheSessionCookie, page: ThePage
 ) -> Response:
     """Open a session by a key or a link, and lead the browser to the page that it requested."""
     onward, link = local_path(fields.get("next", "/")), fields.get("link")
     secret_hash = hash_of(fields.get("key", "").strip())
     if link is not None:
-        opener = await run_in_threadpool(sessions.use_link, link)
+        opener = await run_in_threadpool(store.sessions.use_link, link)
         secret_hash = hash_of_link(link) if opener is None else opener
     try:
         holder = await access.holder(request.scope, secret_hash)
@@ -66,7 +66,7 @@ async def log_in(
     request.state.caller = holder
     before = cookie.read(request.scope, request.headers)
     with acting_as(holder.acting(request.scope)):
-        opening = partial(sessions.open, lasting=holder.display, in_place_of=before)
+        opening = partial(store.sessions.open, lasting=holder.display, in_place_of=before)
         secret = await run_in_threadpool(opening, secret_hash)
     answer = RedirectResponse(onward, status_code=303)
     cookie.give(answer, request.scope, secret, lasting=holder.display)
@@ -74,10 +74,10 @@ async def log_in(
 
 
 @router.post(LOGOUT, needs=Scope.READ)
-def log_out(request: Request, sessions: TheSessions, caller: TheCaller, cookie: TheSessionCookie) -> RedirectResponse:
+def log_out(request: Request, store: TheStore, caller: TheCaller, cookie: TheSessionCookie) -> RedirectResponse:
     """End the session of the request."""
     if caller.csrf_token is not None:
-        sessions.end(cookie.read(request.scope, request.headers))
+        store.sessions.end(cookie.read(request.scope, request.headers))
     answer = RedirectResponse(LOGIN, status_code=303)
     cookie.take_back(answer, request.scope)
     return answer

@@ -11,7 +11,7 @@ from sawmill_platform.contracts.base import Identifier, Page
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.jobs import Priority
 from sawmill_platform.contracts.keys import Scope
-from sawmill_service.dependencies import ThePhantoms, ThePlaces, TheSettings, TheWake
+from sawmill_service.dependencies import TheSettings, TheStore, TheWake
 from sawmill_service.http.bodies.sent_json import Sent
 from sawmill_service.http.document import described_answers
 from sawmill_service.http.document.openapi_document import trying, trying_file
@@ -70,9 +70,9 @@ class PictureUpload(Given, PhantomPicture):
     responses=described_answers.LOCATED,
 )
 @repeatable
-def create_phantom(drawing: Sent[PhantomRequest], phantoms: ThePhantoms, response: Response) -> StoredPhantom:
+def create_phantom(drawing: Sent[PhantomRequest], store: TheStore, response: Response) -> StoredPhantom:
     """Draw a phantom from polygons and discs in mm, the rotation centre at the origin. Ready at once."""
-    phantom = phantoms.create(drawing)
+    phantom = store.phantoms.create(drawing)
     response.headers["Location"] = f"/v1/phantoms/{phantom.id}"
     return phantom
 
@@ -91,8 +91,7 @@ async def upload_phantom_picture(
     *,
     response: Response,
     reception: TheReception,
-    phantoms: ThePhantoms,
-    places: ThePlaces,
+    store: TheStore,
     settings: TheSettings,
     wake: TheWake,
     repeatable: TheRepeatableWithFile,
@@ -103,11 +102,11 @@ async def upload_phantom_picture(
     [A picture to try](/static/phantom.png) (400 mm wide).
     """
     async with repeatable.unless_repeated():
-        await run_in_threadpool(places.check)
+        await run_in_threadpool(store.places.check)
         received = await reception.file(None, upload.upload_id, max_bytes=settings.max_picture_bytes)
 
     def accepted() -> StoredPhantom:
-        phantom = phantoms.accept_picture(upload.picture, received, priority=upload.priority)
+        phantom = store.phantoms.accept_picture(upload.picture, received, priority=upload.priority)
         if phantom.job_id is not None:
             wake(phantom.job_id)
         accept(response, f"/v1/phantoms/{phantom.id}", settings.retry_after_s)
@@ -117,9 +116,9 @@ async def upload_phantom_picture(
 
 
 @router.get("", summary="List phantoms, newest first", responses=described_answers.refuses("invalid-cursor"))
-def list_phantoms(paging: Annotated[Paging, Query()], phantoms: ThePhantoms) -> Page[StoredPhantom]:
+def list_phantoms(paging: Annotated[Paging, Query()], store: TheStore) -> Page[StoredPhantom]:
     """List phantoms; the built-in ones are `l-shape` and `rectangle-with-hole`."""
-    return phantoms.page(after=paging.after, limit=paging.limit)
+    return store.phantoms.page(after=paging.after, limit=paging.limit)
 
 
 @router.get(
@@ -128,9 +127,9 @@ def list_phantoms(paging: Annotated[Paging, Query()], phantoms: ThePhantoms) -> 
     openapi_extra=trying(phantom_id="l-shape"),
     responses=described_answers.refuses("phantom-not-found"),
 )
-async def get_phantom(phantom_id: Identifier, phantoms: ThePhantoms, waiting: TheWaiting) -> StoredPhantom:
+async def get_phantom(phantom_id: Identifier, store: TheStore, waiting: TheWaiting) -> StoredPhantom:
     """Return the phantom's outlines in mm; null while its picture is being traced. `wait` waits for the tracing."""
-    return await waiting.read(lambda: phantoms.get(phantom_id))
+    return await waiting.read(lambda: store.phantoms.get(phantom_id))
 
 
 @router.get(
@@ -140,9 +139,9 @@ async def get_phantom(phantom_id: Identifier, phantoms: ThePhantoms, waiting: Th
     openapi_extra=trying(phantom_id="l-shape"),
     responses=described_answers.drawn("phantom-not-found", "phantom-without-drawing"),
 )
-def get_drawing(phantom_id: Identifier, request: Request, phantoms: ThePhantoms) -> Response:
+def get_drawing(phantom_id: Identifier, request: Request, store: TheStore) -> Response:
     """Draw an SVG in mm: outlines, holes, size, rotation centre and a scale bar. Down is +x, right is +y."""
-    phantom = phantoms.get(phantom_id)
+    phantom = store.phantoms.get(phantom_id)
     drawing = phantom.drawing
     if drawing is None:
         raise Refused(409, "phantom-without-drawing", f"phantom {phantom_id!r} is {phantom.state} and has no drawing")
@@ -160,13 +159,13 @@ def get_drawing(phantom_id: Identifier, request: Request, phantoms: ThePhantoms)
 )
 @repeatable
 def measure_phantom(
-    phantom_id: Identifier, measured: Sent[MeasurementsRequest], phantoms: ThePhantoms, response: Response
+    phantom_id: Identifier, measured: Sent[MeasurementsRequest], store: TheStore, response: Response
 ) -> StoredPhantom:
     """Make a phantom of the newly measured size, which `follows` this one; this one stays for what refers to it.
 
     A length replaces an earlier one of the same name; other lengths stay.
     """
-    phantom = phantoms.measure(phantom_id, measured)
+    phantom = store.phantoms.measure(phantom_id, measured)
     response.headers["Location"] = f"/v1/phantoms/{phantom.id}"
     return phantom
 
@@ -179,6 +178,6 @@ def measure_phantom(
     openapi_extra=trying(phantom_id="example-spare"),
     responses=described_answers.refuses("phantom-not-found", "phantom-built-in", "phantom-in-use"),
 )
-def delete_phantom(phantom_id: Identifier, phantoms: ThePhantoms) -> None:
+def delete_phantom(phantom_id: Identifier, store: TheStore) -> None:
     """Delete a phantom. Refused (409) for a built-in one, and while scans or calibrations refer to it."""
-    phantoms.delete(phantom_id)
+    store.phantoms.delete(phantom_id)

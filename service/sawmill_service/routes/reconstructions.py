@@ -20,7 +20,7 @@ from sawmill_contracts.row_ranges import STEPPED_ROWS, parse_span
 from sawmill_platform.contracts.base import LARGEST_NUMBER, Identifier
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.keys import Scope
-from sawmill_service.dependencies import TheReconstructions
+from sawmill_service.dependencies import TheStore
 from sawmill_service.drawing import BYTES_PER_VALUE, FIGURE_BYTES, check_slice, drawn_alpha_curve, result_of
 from sawmill_service.http.bodies.sent_json import Sent
 from sawmill_service.http.document.described_answers import OF_RESULT, drawn, refuses, stored
@@ -141,10 +141,10 @@ def get_slice(
     index: Annotated[int, Path(ge=0, description="Number of the slice, from 0.", examples=[0])],
     query: Annotated[SliceQuery, Query()],
     request: Request,
-    reconstructions: TheReconstructions,
+    store: TheStore,
 ) -> Response:
     """Draw a slice; a row of the picture is +x, a column +y."""
-    result = result_of(reconstructions, reconstruction_id)
+    result = result_of(store.reconstructions, reconstruction_id)
     check_slice(result, index)
 
     def draw() -> bytes:
@@ -152,7 +152,7 @@ def get_slice(
         from sawmill_calibration.pictures.pages import window_of
         from sawmill_formats.output import volume_reader
 
-        path = reconstructions.files.volume(reconstruction_id)
+        path = store.reconstructions.files.volume(reconstruction_id)
         if query.show is SliceQuantity.DEVIATION:
             image = volume_reader.deviation_slice(path, result.shape, index)
             window = window_to_draw(query, window_of(image.data))
@@ -181,22 +181,21 @@ def get_slice(
     responses=drawn(*OF_RESULT, "slice-not-found", "empty-window", "too-many-slices"),
 )
 def get_mosaic(
-    reconstruction_id: Identifier,
-    query: Annotated[MosaicQuery, Query()],
-    request: Request,
-    reconstructions: TheReconstructions,
+    reconstruction_id: Identifier, query: Annotated[MosaicQuery, Query()], request: Request, store: TheStore
 ) -> Response:
     """Draw slices in reading order with heights, all in one window; large ones are averaged down to 256 pixels."""
     from sawmill_calibration.pictures.log_pictures import TILE_PX
 
-    result = result_of(reconstructions, reconstruction_id)
+    result = result_of(store.reconstructions, reconstruction_id)
     window, indices = window_to_draw(query, result.value_range), _tiles(query, result.shape[0])
 
     def draw() -> bytes:
         from sawmill_calibration.pictures.log_pictures import mosaic_png
         from sawmill_formats.output import volume_reader
 
-        slices = volume_reader.volume_slices(reconstructions.files.volume(reconstruction_id), result.shape, indices)
+        slices = volume_reader.volume_slices(
+            store.reconstructions.files.volume(reconstruction_id), result.shape, indices
+        )
         return mosaic_png(
             ((image.data, image.label) for image in slices),
             pixel_mm=result.pixel_mm if query.scale_bar else None,
@@ -218,29 +217,19 @@ def get_mosaic(
     responses=drawn(*OF_RESULT, "no-side-view", "empty-window"),
 )
 def get_side_view(
-    reconstruction_id: Identifier,
-    query: Annotated[SideQuery, Query()],
-    request: Request,
-    reconstructions: TheReconstructions,
+    reconstruction_id: Identifier, query: Annotated[SideQuery, Query()], request: Request, store: TheStore
 ) -> Response:
     """Draw the densest value behind each point of the log's side; the log runs to the right."""
-    shape = result_of(reconstructions, reconstruction_id).shape
+    shape = result_of(store.reconstructions, reconstruction_id).shape
 
     def draw() -> bytes:
         from sawmill_calibration.pictures.log_pictures import side_view_png
         from sawmill_calibration.pictures.pages import window_of
         from sawmill_formats.output import volume_reader
 
-        view = volume_reader.side_view(reconstructions.files.volume(reconstruction_id), shape, query.along)
-        return side_view_png(
-            view.data,
-            across_mm=view.across_mm,
-            across=view.across,
-            along_mm=view.along_mm,
-            unit=view.unit,
-            window=window_to_draw(query, window_of(view.data)),
-            color_map=query.color_map,
-        )
+        view = volume_reader.side_view(store.reconstructions.files.volume(reconstruction_id), shape, query.along)
+        window = window_to_draw(query, window_of(view.data))
+        return side_view_png(view, window=window, color_map=query.color_map)
 
     size_bytes = BYTES_PER_VALUE * shape[0] * max(shape[1:])
     return picture(request, (reconstruction_id, "side", query), draw, size_bytes=size_bytes)
@@ -253,12 +242,12 @@ def get_side_view(
     openapi_extra=trying(reconstruction_id="example-sparse"),
     responses=drawn(*OF_RESULT, "no-alpha-curve"),
 )
-def get_alpha_curve(reconstruction_id: Identifier, request: Request, reconstructions: TheReconstructions) -> Response:
+def get_alpha_curve(reconstruction_id: Identifier, request: Request, store: TheStore) -> Response:
     """Draw the middle slice's L-curve of a `tikhonov` reconstruction, and generalised cross-validation if requested."""
     from sawmill_formats.output import volume_reader
 
-    result_of(reconstructions, reconstruction_id)
-    columns = volume_reader.alpha_curve(reconstructions.files.volume(reconstruction_id))
+    result_of(store.reconstructions, reconstruction_id)
+    columns = volume_reader.alpha_curve(store.reconstructions.files.volume(reconstruction_id))
     made_of = (reconstruction_id, "alpha-curve")
     return picture(request, made_of, lambda: drawn_alpha_curve(columns), size_bytes=FIGURE_BYTES)
 
@@ -269,13 +258,13 @@ def get_alpha_curve(reconstruction_id: Identifier, request: Request, reconstruct
     summary="Get the volume as HDF5",
     responses=stored(*OF_RESULT),
 )
-def get_volume(reconstruction_id: Identifier, request: Request, reconstructions: TheReconstructions) -> Response:
+def get_volume(reconstruction_id: Identifier, request: Request, store: TheStore) -> Response:
     """Return `/entry/reconstruction/data`, float32 (slice, x, y). `Range` requests are answered."""
-    result_of(reconstructions, reconstruction_id)
-    files = reconstructions.files
+    result_of(store.reconstructions, reconstruction_id)
+    files = store.reconstructions.files
     path = files.unverified(kinds.RECONSTRUCT, reconstruction_id, VOLUME_FILE)
-    name = f"{reconstructions.file_name(reconstruction_id)}.h5"
-    return file(request, path, Hdf5.media_type, save_as=name, digest=files.verified.digest)
+    name = f"{store.reconstructions.file_name(reconstruction_id)}.h5"
+    return file(request, path, "application/x-hdf5", save_as=name, digest=files.verified.digest)
 
 
 @router.put(
@@ -286,10 +275,10 @@ def get_volume(reconstruction_id: Identifier, request: Request, reconstructions:
     responses=refuses("reconstruction-not-found"),
 )
 def rename_reconstruction(
-    reconstruction_id: Identifier, named: Sent[ReconstructionName], reconstructions: TheReconstructions
+    reconstruction_id: Identifier, named: Sent[ReconstructionName], store: TheStore
 ) -> Reconstruction:
     """Give a reconstruction a name of its own, or none; the history of names is in the audit."""
-    renamed: Reconstruction = linked(contract.DECLARATION, reconstructions.rename(reconstruction_id, named.name))
+    renamed: Reconstruction = linked(contract.DECLARATION, store.reconstructions.rename(reconstruction_id, named.name))
     return renamed
 
 
@@ -303,11 +292,11 @@ def rename_reconstruction(
     responses=refuses(*OF_RESULT, "slice-not-found", "too-many-marks"),
 )
 def mark_reconstruction(
-    reconstruction_id: Identifier, mark_id: Identifier, mark: Sent[MarkRequest], reconstructions: TheReconstructions
+    reconstruction_id: Identifier, mark_id: Identifier, mark: Sent[MarkRequest], store: TheStore
 ) -> Reconstruction:
     """Keep a ruler or a region under an id of your choice, in place of the mark that has it; everybody sees it."""
-    check_slice(result_of(reconstructions, reconstruction_id), mark.slice)
-    marked: Reconstruction = linked(contract.DECLARATION, reconstructions.mark(reconstruction_id, mark_id, mark))
+    check_slice(result_of(store.reconstructions, reconstruction_id), mark.slice)
+    marked: Reconstruction = linked(contract.DECLARATION, store.reconstructions.mark(reconstruction_id, mark_id, mark))
     return marked
 
 
@@ -319,11 +308,9 @@ def mark_reconstruction(
     openapi_extra=trying(mark_id="knot-1"),
     responses=refuses("reconstruction-not-found"),
 )
-def unmark_reconstruction(
-    reconstruction_id: Identifier, mark_id: Identifier, reconstructions: TheReconstructions
-) -> None:
+def unmark_reconstruction(reconstruction_id: Identifier, mark_id: Identifier, store: TheStore) -> None:
     """Remove a ruler or a region; one that is not there is no error."""
-    reconstructions.mark(reconstruction_id, mark_id, None)
+    store.reconstructions.mark(reconstruction_id, mark_id, None)
 
 
 def window_to_draw(query: WindowQuery, usual: Window) -> Window:
@@ -336,7 +323,6 @@ def window_to_draw(query: WindowQuery, usual: Window) -> Window:
 
 
 def _tiles(query: MosaicQuery, available: int) -> Sequence[int]:
-    """Return the slices of a mosaic."""
     if query.slices is None:
         from sawmill_calibration.pictures.log_pictures import spread
 

@@ -18,13 +18,13 @@ from sawmill_platform.contracts import patterns
 from sawmill_platform.contracts.base import Identifier, Page
 from sawmill_platform.contracts.given import Given, GivenTime
 from sawmill_platform.contracts.keys import Scope
-from sawmill_service.dependencies import TheDriftCharts, TheHistory, TheMeasurements, TheScanners, TheStore
+from sawmill_service.dependencies import TheStore
 from sawmill_service.http.bodies.sent_json import Sent
 from sawmill_service.http.document.described_answers import LOCATED, NAMED, refuses
 from sawmill_service.http.document.old_names import ACTIVATIONS, OLD
 from sawmill_service.http.document.openapi_document import trying
 from sawmill_service.http.repeats import repeatable
-from sawmill_service.http.responses.answers import NumberedPaging, Paging
+from sawmill_service.http.responses.answers import NumberedPaging, Paging, cursor, of_type
 from sawmill_service.http.responses.conditional import REPLACED, TAGGED, ThePrecondition, tagged
 from sawmill_service.http.route_rules import Router
 from sawmill_service.scanner_conditions import condition_of
@@ -59,21 +59,10 @@ class HistoryFilter(Given):
 class HistoryPaging(HistoryFilter, Paging):
     """Page of the entries of a history, and their filter."""
 
-    after: str | None = Field(
-        None,
-        max_length=200,
-        description="The `next` of the page before. Default: the newest page.",
-        examples=["1772429400000000.12"],
-        json_schema_extra={"pattern": patterns.HISTORY_CURSOR},
-    )
+    after: str | None = cursor("1772429400000000.12", patterns.HISTORY_CURSOR)
 
 
-class Csv(StreamingResponse):
-    """Lines of values, separated by commas."""
-
-    media_type = "text/csv"
-
-
+Csv = of_type("text/csv", StreamingResponse)
 EXAMPLE = {
     "name": "Line 2",
     "constants": {
@@ -94,23 +83,23 @@ EXAMPLE = {
     responses=LOCATED | refuses("folder-refused"),
 )
 @repeatable
-def create_scanner(spec: Sent[ScannerRequest], scanners: TheScanners, response: Response) -> StoredScanner:
+def create_scanner(spec: Sent[ScannerRequest], store: TheStore, response: Response) -> StoredScanner:
     """Describe a scanner by constants, search bounds and tolerances. All but name and constants has a default."""
-    scanner = scanners.create(spec)
+    scanner = store.scanners.create(spec)
     response.headers["Location"] = f"/v1/scanners/{scanner.id}"
     return scanner
 
 
 @router.get("", summary="List scanners, newest first", responses=refuses("invalid-cursor"))
-def list_scanners(paging: Annotated[Paging, Query()], scanners: TheScanners) -> Page[StoredScanner]:
+def list_scanners(paging: Annotated[Paging, Query()], store: TheStore) -> Page[StoredScanner]:
     """List scanners, each with its active calibration."""
-    return scanners.page(after=paging.after, limit=paging.limit)
+    return store.scanners.page(after=paging.after, limit=paging.limit)
 
 
 @router.get("/{scanner_id}", summary="Get a scanner", responses=TAGGED | refuses("scanner-not-found"))
-def get_scanner(scanner_id: Identifier, scanners: TheScanners, response: Response) -> StoredScanner:
+def get_scanner(scanner_id: Identifier, store: TheStore, response: Response) -> StoredScanner:
     """Return the scanner with the calibration that it uses."""
-    return tagged(response, scanners.get(scanner_id))
+    return tagged(response, store.scanners.get(scanner_id))
 
 
 @router.put(
@@ -123,12 +112,12 @@ def get_scanner(scanner_id: Identifier, scanners: TheScanners, response: Respons
 def replace_scanner(
     scanner_id: Identifier,
     spec: Sent[ScannerRequest],
-    scanners: TheScanners,
+    store: TheStore,
     precondition: ThePrecondition,
     response: Response,
 ) -> StoredScanner:
     """Replace a scanner's description; existing results keep the constants that they were made with."""
-    return tagged(response, scanners.update(scanner_id, spec, check=precondition))
+    return tagged(response, store.scanners.update(scanner_id, spec, check=precondition))
 
 
 @router.delete(
@@ -139,9 +128,9 @@ def replace_scanner(
     openapi_extra=trying(scanner_id="example-spare"),
     responses=refuses("scanner-not-found", "scanner-in-use"),
 )
-def delete_scanner(scanner_id: Identifier, scanners: TheScanners) -> None:
+def delete_scanner(scanner_id: Identifier, store: TheStore) -> None:
     """Delete a scanner. Refused (409) while scans, results or schedules refer to it."""
-    scanners.delete(scanner_id)
+    store.scanners.delete(scanner_id)
 
 
 @router.get(
@@ -151,9 +140,9 @@ def delete_scanner(scanner_id: Identifier, scanners: TheScanners) -> None:
     dependencies=[Depends(ACTIVATIONS)],
     responses=OLD | refuses("scanner-not-found"),
 )
-def list_activations(scanner_id: Identifier, history: TheHistory) -> list[Activation]:
+def list_activations(scanner_id: Identifier, store: TheStore) -> list[Activation]:
     """List the newest 50, newest first. Use `history/entries` of the kind `activation` instead, which has pages."""
-    return [Activation.of(entry) for entry in history.page(scanner_id, kind=HistoryKind.ACTIVATION).items]
+    return [Activation.of(entry) for entry in store.history.page(scanner_id, kind=HistoryKind.ACTIVATION).items]
 
 
 @router.get(
@@ -162,13 +151,13 @@ def list_activations(scanner_id: Identifier, history: TheHistory) -> list[Activa
     responses=refuses("scanner-not-found", "invalid-cursor"),
 )
 def list_history(
-    scanner_id: Identifier, which: Annotated[HistoryPaging, Query()], history: TheHistory
+    scanner_id: Identifier, which: Annotated[HistoryPaging, Query()], store: TheStore
 ) -> Page[HistoryEntry]:
     """List calibrations, drift checks, activations, alarms and changes of settings, with who, why and measured values.
 
     Entries are kept when their subjects are deleted.
     """
-    return history.page(scanner_id, **which.model_dump())
+    return store.history.page(scanner_id, **which.model_dump())
 
 
 @router.get(
@@ -177,12 +166,13 @@ def list_history(
     response_class=Csv,
     responses=NAMED | refuses("scanner-not-found"),
 )
-def get_history_file(
-    scanner_id: Identifier, which: Annotated[HistoryFilter, Query()], history: TheHistory
-) -> StreamingResponse:
+def get_history_file(scanner_id: Identifier, which: Annotated[HistoryFilter, Query()], store: TheStore) -> Response:
     """Return the same entries, the oldest first, as CSV (RFC 4180) with one line of column names."""
-    headers = {"Content-Disposition": f'attachment; filename="{scanner_id}-history.csv"', "Cache-Control": "no-store"}
-    return Csv(history_csv(history.all(scanner_id, **which.model_dump())), headers=headers)
+    headers = {
+        "Content-Disposition": f'attachment; filename="{scanner_id}-history.csv"',
+        "Cache-Control": "no-store",
+    }
+    return Csv(history_csv(store.history.all(scanner_id, **which.model_dump())), headers=headers)
 
 
 @router.get(
@@ -190,11 +180,9 @@ def get_history_file(
     summary="List what calibrations and drift checks measured",
     responses=refuses("scanner-not-found", "invalid-cursor"),
 )
-def list_measurements(
-    scanner_id: Identifier, which: Annotated[Since, Query()], measurements: TheMeasurements
-) -> Page[Measurement]:
+def list_measurements(scanner_id: Identifier, which: Annotated[Since, Query()], store: TheStore) -> Page[Measurement]:
     """List one entry for each that succeeded, newest first: changes of the rays, u_c and the tilt over months."""
-    return measurements.page(scanner_id, since=which.since, after=which.after, limit=which.limit)
+    return store.measurements.page(scanner_id, since=which.since, after=which.after, limit=which.limit)
 
 
 @router.get(
@@ -211,9 +199,9 @@ def get_scanner_step(scanner_id: Identifier, store: TheStore) -> NextStepAnswer:
     summary="Get what a scanner's drift checks show together",
     responses=refuses("scanner-not-found"),
 )
-def get_scanner_drift(scanner_id: Identifier, drift_charts: TheDriftCharts) -> ScannerDrift:
+def get_scanner_drift(scanner_id: Identifier, store: TheStore) -> ScannerDrift:
     """Return baseline, newest checks pooled, and any jump or slow drift, all since the active calibration."""
-    return drift_charts.of_scanner(scanner_id)
+    return store.drift_charts.of_scanner(scanner_id)
 
 
 # A later version adds columns at the end. A name has its unit: `gain` of the contract, which is older, has none.

@@ -9,9 +9,8 @@ from pydantic import Field
 from sawmill_contracts.scans import Scan, ScanShape, ScanSpec, ScanState
 from sawmill_platform.contracts.base import LARGEST_NUMBER, Identifier, Page
 from sawmill_platform.contracts.given import Given
-from sawmill_platform.contracts.jobs import Priority
 from sawmill_platform.contracts.keys import Scope
-from sawmill_service.dependencies import TheFiles, TheScans, TheSettings, TheWake
+from sawmill_service.dependencies import TheSettings, TheStore, TheWake
 from sawmill_service.drawing import BYTES_PER_VALUE, ready_scan, scan_thumbnail
 from sawmill_service.http.document.described_answers import (
     OF_QUEUE,
@@ -24,11 +23,12 @@ from sawmill_service.http.document.described_answers import (
 )
 from sawmill_service.http.document.openapi_document import trying, trying_file
 from sawmill_service.http.repeats import TheRepeatableWithFile
-from sawmill_service.http.responses.answers import Dated, Png, RequestPriority, accept
+from sawmill_service.http.responses.answers import Dated, Png, accept
 from sawmill_service.http.responses.drawn import kept_picture, picture
 from sawmill_service.http.responses.waiting import TheWaiting
 from sawmill_service.http.route_rules import Router
-from sawmill_service.uploads import InspectionId, TheReception, UploadId
+from sawmill_service.uploads import FileQuery, TheReception
+from sawmill_store.mill_files import MillFiles
 
 router = Router(prefix="/v1/scans", tags=["scans"], reading=Scope.READ)
 
@@ -40,17 +40,8 @@ class ScanFilter(Dated):
     state: ScanState | None = None
 
 
-class ScanUpload(Given, ScanSpec):
+class ScanUpload(FileQuery, ScanSpec):
     """Description of a scan that is sent with its file or the id of an earlier one, and the priority of reading."""
-
-    priority: RequestPriority = Priority.INTERACTIVE
-    inspection_id: InspectionId = None
-    upload_id: UploadId = None
-
-    @property
-    def sends_file(self) -> bool:
-        """True if the file is in the body."""
-        return self.inspection_id is None and self.upload_id is None
 
     @property
     def spec(self) -> ScanSpec:
@@ -91,7 +82,7 @@ async def upload_scan(
     *,
     response: Response,
     reception: TheReception,
-    scans: TheScans,
+    store: TheStore,
     settings: TheSettings,
     wake: TheWake,
     repeatable: TheRepeatableWithFile,
@@ -104,11 +95,11 @@ async def upload_scan(
     [A file to try](/examples/phantom-scan.npz): counts with flat and dark fields and angles.
     """
     async with repeatable.unless_repeated():
-        await run_in_threadpool(scans.check, upload.spec)
+        await run_in_threadpool(store.scans.check, upload.spec)
         received = await reception.file(upload.inspection_id, upload.upload_id, max_bytes=settings.max_upload_bytes)
 
     def accepted() -> Scan:
-        scan = scans.accept(upload.spec, received, priority=upload.priority)
+        scan = store.scans.accept(upload.spec, received, priority=upload.priority)
         wake(scan.job_id)
         accept(response, f"/v1/scans/{scan.id}", settings.retry_after_s)
         return scan
@@ -117,15 +108,15 @@ async def upload_scan(
 
 
 @router.get("", summary="List scans, newest first", responses=refuses("invalid-cursor"))
-def list_scans(query: Annotated[ScanFilter, Query()], scans: TheScans) -> Page[Scan]:
+def list_scans(query: Annotated[ScanFilter, Query()], store: TheStore) -> Page[Scan]:
     """List all scans, or a selection by scanner, state or span of time."""
-    return scans.page(**query.model_dump())
+    return store.scans.page(**query.model_dump())
 
 
 @router.get("/{scan_id}", summary="Get a scan", responses=refuses("scan-not-found"))
-async def get_scan(scan_id: Identifier, scans: TheScans, waiting: TheWaiting) -> Scan:
+async def get_scan(scan_id: Identifier, store: TheStore, waiting: TheWaiting) -> Scan:
     """Return the scan's state and the file's format; with `wait` when the file has been read."""
-    return await waiting.read(lambda: scans.get(scan_id))
+    return await waiting.read(lambda: store.scans.get(scan_id))
 
 
 @router.delete(
@@ -136,16 +127,16 @@ async def get_scan(scan_id: Identifier, scans: TheScans, waiting: TheWaiting) ->
     openapi_extra=trying(scan_id="example-spare"),
     responses=refuses("scan-not-found", "scan-in-use"),
 )
-def delete_scan(scan_id: Identifier, scans: TheScans) -> None:
+def delete_scan(scan_id: Identifier, store: TheStore) -> None:
     """Delete a scan and its files; results made from it stay. Refused (409) while a job needs it."""
-    scans.delete(scan_id)
+    store.scans.delete(scan_id)
 
 
 @router.get("/{scan_id}/preview", response_class=Png, summary="Preview a scan", responses=drawn(*OF_SCAN))
-def preview_scan(scan_id: Identifier, request: Request, scans: TheScans) -> Response:
+def preview_scan(scan_id: Identifier, request: Request, store: TheStore) -> Response:
     """Draw the middle row's sinogram."""
-    scan, shape = ready_scan(scans, scan_id)
-    return _sinogram(request, scans.files, scan, shape, shape.rows // 2)
+    scan, shape = ready_scan(store.scans, scan_id)
+    return _sinogram(request, store.scans.files, scan, shape, shape.rows // 2)
 
 
 @router.get(
@@ -156,23 +147,23 @@ def preview_scan(scan_id: Identifier, request: Request, scans: TheScans) -> Resp
     responses=drawn(*OF_SCAN, "row-out-of-range"),
 )
 def get_sinogram(
-    scan_id: Identifier, query: Annotated[SinogramQuery, Query()], request: Request, scans: TheScans
+    scan_id: Identifier, query: Annotated[SinogramQuery, Query()], request: Request, store: TheStore
 ) -> Response:
     """Draw line integrals over views and detector cells."""
-    scan, shape = ready_scan(scans, scan_id)
-    return _sinogram(request, scans.files, scan, shape, query.row)
+    scan, shape = ready_scan(store.scans, scan_id)
+    return _sinogram(request, store.scans.files, scan, shape, query.row)
 
 
 @router.get(
     "/{scan_id}/thumbnail.png", response_class=Png, summary="Get a scan as a small picture", responses=stored(*OF_SCAN)
 )
-def get_scan_thumbnail(scan_id: Identifier, request: Request, scans: TheScans) -> Response:
+def get_scan_thumbnail(scan_id: Identifier, request: Request, store: TheStore) -> Response:
     """Draw the middle row's sinogram as a square of 160 pixels, for lists."""
-    scan, shape = ready_scan(scans, scan_id)
-    return kept_picture(request, _row_bytes(shape), lambda: scan_thumbnail(scans.files, scan, shape))
+    scan, shape = ready_scan(store.scans, scan_id)
+    return kept_picture(request, _row_bytes(shape), lambda: scan_thumbnail(store.scans.files, scan, shape))
 
 
-def _sinogram(request: Request, files: TheFiles, scan: Scan, shape: ScanShape, row: int) -> Response:
+def _sinogram(request: Request, files: MillFiles, scan: Scan, shape: ScanShape, row: int) -> Response:
     def draw() -> bytes:
         # The first picture imports this: a service that draws none does not hold NumPy, h5py and Pillow.
         from sawmill_calibration.pictures.images import sinogram_png  # noqa: PLC0415

@@ -15,8 +15,8 @@ from sawmill_platform.contracts.uploads import Upload, UploadRequest, UploadStat
 from sawmill_platform.errors import Busy, UploadTooLarge
 from sawmill_platform.files.upload_stream import in_parts
 from sawmill_platform.uploads.upload_parts import UploadPart
-from sawmill_platform.uploads.upload_store import UploadQuota, WrongOffset
-from sawmill_service.dependencies import TheCaller, TheSettings, TheTransfers, TheUploads
+from sawmill_platform.uploads.upload_store import UploadQuota, Uploads, WrongOffset
+from sawmill_service.dependencies import TheCaller, TheSettings, TheStore, TheTransfers
 from sawmill_service.http.bodies.body_sums import HEADERS, AnnouncedPart, announced_part
 from sawmill_service.http.bodies.sent_content import BYTES, SentContent
 from sawmill_service.http.bodies.sent_json import Sent
@@ -40,12 +40,12 @@ _SUMS = ThreadPoolExecutor(2, "sums-of-uploads")
     openapi_extra=trying(body={"size_bytes": 65536, "name": "mill.h5"}),
 )
 @repeatable
-def create_upload(ask: Sent[UploadRequest], uploads: TheUploads, settings: TheSettings, response: Response) -> Upload:
+def create_upload(ask: Sent[UploadRequest], store: TheStore, settings: TheSettings, response: Response) -> Upload:
     """Declare a file; its bytes follow with `PATCH`. Disk space is reserved until a day after the last part."""
     if ask.size_bytes > settings.max_upload_bytes:
         raise UploadTooLarge(settings.max_upload_bytes)
-    uploads.check_room_for(ask.size_bytes)
-    upload = uploads.create(
+    store.uploads.check_room_for(ask.size_bytes)
+    upload = store.uploads.create(
         ask,
         UploadQuota(
             settings.max_waiting_uploads, settings.max_waiting_upload_bytes, settings.max_all_waiting_upload_bytes
@@ -61,14 +61,14 @@ def create_upload(ask: Sent[UploadRequest], uploads: TheUploads, settings: TheSe
     responses=offset_answered() | refuses("upload-not-found"),
     openapi_extra=trying(upload_id="example"),
 )
-async def get_upload(upload_id: Identifier, uploads: TheUploads, transfers: TheTransfers, response: Response) -> Upload:
+async def get_upload(upload_id: Identifier, store: TheStore, transfers: TheTransfers, response: Response) -> Upload:
     """Return the number of received bytes, and what was made from the upload; `HEAD` returns the same headers alone.
 
     A part that is still arriving is ended first, and gets 409 `upload-busy`: the next one is accepted at this offset.
     """
-    await run_in_threadpool(uploads.get, upload_id)  # refused before a part of another key's upload is ended
+    await run_in_threadpool(store.uploads.get, upload_id)  # refused before a part of another key's upload is ended
     await transfers.end(upload_id)
-    return _with_headers(response, await run_in_threadpool(uploads.get, upload_id))
+    return _with_headers(response, await run_in_threadpool(store.uploads.get, upload_id))
 
 
 @router.patch(
@@ -89,7 +89,7 @@ async def get_upload(upload_id: Identifier, uploads: TheUploads, transfers: TheT
     | trying_file(BYTES, "/examples/phantom-scan.npz", required=False, upload_id="example"),
 )
 async def send_part(
-    upload_id: Identifier, request: Request, uploads: TheUploads, transfers: TheTransfers, response: Response
+    upload_id: Identifier, request: Request, store: TheStore, transfers: TheTransfers, response: Response
 ) -> Upload:
     """Send the file's bytes from the offset on, all that are missing or fewer, as the body.
 
@@ -98,11 +98,11 @@ async def send_part(
     """
     announced = announced_part(request.headers)
     content = SentContent(request.headers, packed=False, begins=announced.offset_bytes == 0)
-    await run_in_threadpool(uploads.get, upload_id)
+    await run_in_threadpool(store.uploads.get, upload_id)
     async with transfers.begin(upload_id) as transfer:
-        part = await run_in_threadpool(_begin, uploads, upload_id, announced)
+        part = await run_in_threadpool(_begin, store.uploads, upload_id, announced)
         await _receive(part, announced, transfer.until_ended(request.stream()), content)
-    return _with_headers(response, await run_in_threadpool(uploads.get, upload_id))
+    return _with_headers(response, await run_in_threadpool(store.uploads.get, upload_id))
 
 
 @router.delete(
@@ -113,9 +113,9 @@ async def send_part(
     responses=refuses("upload-not-found"),
     openapi_extra=trying(upload_id="example-spare"),
 )
-async def delete_upload(upload_id: Identifier, uploads: TheUploads, transfers: TheTransfers, caller: TheCaller) -> None:
+async def delete_upload(upload_id: Identifier, store: TheStore, transfers: TheTransfers, caller: TheCaller) -> None:
     """Delete an upload and its bytes; what was made from it stays. The scope `admin` deletes uploads of other keys."""
-    await run_in_threadpool(uploads.delete, upload_id, of_all_keys=caller.scope.covers(Scope.ADMIN))
+    await run_in_threadpool(store.uploads.delete, upload_id, of_all_keys=caller.scope.covers(Scope.ADMIN))
     await transfers.end(upload_id)
 
 
@@ -144,7 +144,7 @@ async def _complete_if_whole(part: UploadPart) -> None:
         await asyncio.get_running_loop().run_in_executor(_SUMS, part.complete)
 
 
-def _begin(uploads: TheUploads, upload_id: str, announced: AnnouncedPart) -> UploadPart:
+def _begin(uploads: Uploads, upload_id: str, announced: AnnouncedPart) -> UploadPart:
     try:
         part = uploads.begin_part(upload_id, announced.offset_bytes, part_bytes=announced.part_bytes or 0)
     except WrongOffset as error:

@@ -17,14 +17,15 @@ from sawmill_formats.output.volume_exports import nrrd_header, tiff_header
 from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.keys import Scope
-from sawmill_service.dependencies import TheReconstructions
+from sawmill_service.dependencies import TheStore
 from sawmill_service.drawing import BYTES_PER_VALUE, check_slice, result_of, volume_thumbnail
 from sawmill_service.http.document.described_answers import NAMED, OF_RESULT, drawn, refuses, stored
 from sawmill_service.http.document.openapi_document import trying
-from sawmill_service.http.responses.answers import Jpeg, Png, unchanging
-from sawmill_service.http.responses.drawn import Npy, Nrrd, Tiff, exported, kept_picture, picture
+from sawmill_service.http.responses.answers import Jpeg, Npy, Nrrd, Png, Tiff, unchanging
+from sawmill_service.http.responses.drawn import exported, kept_picture, picture
 from sawmill_service.http.route_rules import Router
 from sawmill_service.routes.reconstructions import WindowQuery, window_to_draw
+from sawmill_store.calibrations import Reconstructions
 from sawmill_vocabulary import ColorMap
 
 if TYPE_CHECKING:
@@ -90,10 +91,10 @@ def get_slice_array(
     index: Annotated[int, Path(ge=0, description="Number of the slice, from 0.", examples=[0])],
     query: Annotated[ArrayQuery, Query()],
     request: Request,
-    reconstructions: TheReconstructions,
+    store: TheStore,
 ) -> Response:
     """Return float32 (x, y) as an NPY file: a row is +x, a column +y, as in the pictures."""
-    result = result_of(reconstructions, reconstruction_id)
+    result = result_of(store.reconstructions, reconstruction_id)
     check_slice(result, index)
     factor = _averaged_pixels(result, query)
 
@@ -101,7 +102,7 @@ def get_slice_array(
         from sawmill_calibration.pictures.images import averaged, npy
         from sawmill_formats.output import volume_reader
 
-        image = volume_reader.volume_slice(reconstructions.files.volume(reconstruction_id), result.shape, index)
+        image = volume_reader.volume_slice(store.reconstructions.files.volume(reconstruction_id), result.shape, index)
         # Shift to the middle of the first block of pixels.
         shift_mm = 0.5 * (factor - 1) * image.pixel_mm
         headers = {
@@ -113,7 +114,7 @@ def get_slice_array(
             headers["X-Height-Mm"] = repr(image.height_mm)
         return npy(averaged(image.data, factor)), headers
 
-    name = f"{reconstructions.file_name(reconstruction_id)}, slice {index}.npy"
+    name = f"{store.reconstructions.file_name(reconstruction_id)}, slice {index}.npy"
     made_of, size_bytes = (reconstruction_id, index, factor, "npy"), _slice_bytes(result)
     return unchanging(picture(request, made_of, read, size_bytes=size_bytes, answer=Npy, save_as=name))
 
@@ -130,10 +131,10 @@ def get_slice_jpeg(
     index: Annotated[int, Path(ge=0, description="Number of the slice, from 0.", examples=[0])],
     query: Annotated[JpegQuery, Query()],
     request: Request,
-    reconstructions: TheReconstructions,
+    store: TheStore,
 ) -> Response:
     """Draw 8 bits a colour, nothing around the slice, a row is +x and a column +y: for a preview, not for measuring."""
-    result = result_of(reconstructions, reconstruction_id)
+    result = result_of(store.reconstructions, reconstruction_id)
     check_slice(result, index)
     window = window_to_draw(query, result.value_range)
 
@@ -141,7 +142,7 @@ def get_slice_jpeg(
         from sawmill_calibration.pictures.images import averaged, jpeg
         from sawmill_formats.output import volume_reader
 
-        image = volume_reader.volume_slice(reconstructions.files.volume(reconstruction_id), result.shape, index)
+        image = volume_reader.volume_slice(store.reconstructions.files.volume(reconstruction_id), result.shape, index)
         return jpeg(averaged(image.data, _averaged_pixels(result, query)), window, query.color_map)
 
     made_of = (reconstruction_id, index, query)
@@ -167,13 +168,10 @@ def _slice_bytes(result: ReconstructionResult) -> int:
     openapi_extra=trying(along="x"),
 )
 def get_side_array(
-    reconstruction_id: Identifier,
-    query: Annotated[SideArrayQuery, Query()],
-    request: Request,
-    reconstructions: TheReconstructions,
+    reconstruction_id: Identifier, query: Annotated[SideArrayQuery, Query()], request: Request, store: TheStore
 ) -> Response:
     """Return float32 (slice, y) or (slice, x): the densest value behind each point of the log's side."""
-    shape = result_of(reconstructions, reconstruction_id).shape
+    shape = result_of(store.reconstructions, reconstruction_id).shape
     slices, *size = shape
 
     def read() -> tuple[bytes, Mapping[str, str]]:
@@ -181,11 +179,11 @@ def get_side_array(
         from sawmill_calibration.pictures.log_pictures import densest_of
         from sawmill_formats.output import volume_reader
 
-        view = volume_reader.side_view(reconstructions.files.volume(reconstruction_id), shape, query.along)
+        view = volume_reader.side_view(store.reconstructions.files.volume(reconstruction_id), shape, query.along)
         most = (query.max_size or slices, query.max_size or max(size))
         return npy(densest_of(view.data, most)), {"X-Unit": view.unit}
 
-    name = f"{reconstructions.file_name(reconstruction_id)}, side along {query.along}.npy"
+    name = f"{store.reconstructions.file_name(reconstruction_id)}, side along {query.along}.npy"
     size_bytes = BYTES_PER_VALUE * slices * max(size)
     made_of = (reconstruction_id, "side", query, "npy")
     return unchanging(picture(request, made_of, read, size_bytes=size_bytes, answer=Npy, save_as=name))
@@ -197,12 +195,12 @@ def get_side_array(
     summary="Get the volume as a TIFF stack",
     responses=NAMED | refuses(*OF_RESULT),
 )
-def get_volume_tiff(reconstruction_id: Identifier, request: Request, reconstructions: TheReconstructions) -> Response:
+def get_volume_tiff(reconstruction_id: Identifier, request: Request, store: TheStore) -> Response:
     """Return float32 pages for ImageJ, one a slice, with pixels and spacing in mm; a row of a page is +x, a column +y.
 
     The file is written while it is sent: a part of it cannot be requested.
     """
-    return _export(request, reconstructions, reconstruction_id, "tif", Tiff, tiff_header)
+    return _export(request, store.reconstructions, reconstruction_id, "tif", Tiff, tiff_header)
 
 
 @router.get(
@@ -211,17 +209,17 @@ def get_volume_tiff(reconstruction_id: Identifier, request: Request, reconstruct
     summary="Get the volume as NRRD",
     responses=NAMED | refuses(*OF_RESULT),
 )
-def get_volume_nrrd(reconstruction_id: Identifier, request: Request, reconstructions: TheReconstructions) -> Response:
+def get_volume_nrrd(reconstruction_id: Identifier, request: Request, store: TheStore) -> Response:
     """Return float32 for 3D Slicer, the axes y, x, slice from the fastest on, with spacings and the origin in mm.
 
     The file is written while it is sent: a part of it cannot be requested.
     """
-    return _export(request, reconstructions, reconstruction_id, "nrrd", Nrrd, nrrd_header)
+    return _export(request, store.reconstructions, reconstruction_id, "nrrd", Nrrd, nrrd_header)
 
 
 def _export(
     request: Request,
-    reconstructions: TheReconstructions,
+    reconstructions: Reconstructions,
     reconstruction_id: str,
     suffix: str,
     answer: type[Response],
@@ -250,13 +248,11 @@ def _export(
     summary="Get a reconstruction as a small picture",
     responses=stored(*OF_RESULT),
 )
-def get_reconstruction_thumbnail(
-    reconstruction_id: Identifier, request: Request, reconstructions: TheReconstructions
-) -> Response:
+def get_reconstruction_thumbnail(reconstruction_id: Identifier, request: Request, store: TheStore) -> Response:
     """Draw the middle slice, 160 pixels a side, for lists."""
-    result = result_of(reconstructions, reconstruction_id)
+    result = result_of(store.reconstructions, reconstruction_id)
     return kept_picture(
-        request, _slice_bytes(result), lambda: volume_thumbnail(reconstructions.files, reconstruction_id, result)
+        request, _slice_bytes(result), lambda: volume_thumbnail(store.reconstructions.files, reconstruction_id, result)
     )
 
 

@@ -19,7 +19,7 @@ from sawmill_platform.contracts.webhooks import (
     WebhookTestMessage,
     destination_of,
 )
-from sawmill_service.dependencies import TheSettings, TheWebhooks
+from sawmill_service.dependencies import TheSettings, TheStore
 from sawmill_service.http.bodies.sent_json import Sent
 from sawmill_service.http.document.described_answers import LOCATED, refuses
 from sawmill_service.http.document.openapi_document import trying
@@ -88,30 +88,28 @@ FOR_A_DAY = WebhookRotation()
     responses=LOCATED | refuses("destination-not-allowed", "too-many-webhooks", "secret-not-repeated"),
 )
 @repeatable
-def create_webhook(
-    ask: Sent[WebhookRequest], webhooks: TheWebhooks, settings: TheSettings, response: Response
-) -> NewWebhook:
+def create_webhook(ask: Sent[WebhookRequest], store: TheStore, settings: TheSettings, response: Response) -> NewWebhook:
     """Add a webhook for events, signed as in Standard Webhooks. Its secret is in this answer and nowhere else.
 
     The destination must be one that `SAWMILL_WEBHOOK_DESTINATIONS` allows, which is empty at first.
     """
     _check(ask, settings)
-    webhook = webhooks.create(ask)
+    webhook = store.webhooks.create(ask)
     response.headers["Location"] = f"/v1/webhooks/{webhook.id}"
     response.headers["Cache-Control"] = "no-store"
     return webhook
 
 
 @router.get("", summary="List webhooks, newest first", responses=refuses("invalid-cursor"))
-def list_webhooks(paging: Annotated[Paging, Query()], webhooks: TheWebhooks) -> Page[Webhook]:
+def list_webhooks(paging: Annotated[Paging, Query()], store: TheStore) -> Page[Webhook]:
     """List webhooks without their secrets, each with its waiting events, and its last success and failure."""
-    return webhooks.page(after=paging.after, limit=paging.limit)
+    return store.webhooks.page(after=paging.after, limit=paging.limit)
 
 
 @router.get("/{webhook_id}", summary="Get a webhook", responses=TAGGED | refuses("webhook-not-found"))
-def get_webhook(webhook_id: Identifier, webhooks: TheWebhooks, response: Response) -> Webhook:
+def get_webhook(webhook_id: Identifier, store: TheStore, response: Response) -> Webhook:
     """Return the webhook's state and its waiting events."""
-    return tagged(response, webhooks.get(webhook_id))
+    return tagged(response, store.webhooks.get(webhook_id))
 
 
 @router.put(
@@ -124,14 +122,14 @@ def get_webhook(webhook_id: Identifier, webhooks: TheWebhooks, response: Respons
 def replace_webhook(
     webhook_id: Identifier,
     ask: Sent[WebhookRequest],
-    webhooks: TheWebhooks,
+    store: TheStore,
     settings: TheSettings,
     precondition: ThePrecondition,
     response: Response,
 ) -> Webhook:
     """Replace a webhook; its secret stays. If it is enabled, waiting events are sent at once, also if it was paused."""
     _check(ask, settings)
-    return tagged(response, webhooks.update(webhook_id, ask, check=precondition))
+    return tagged(response, store.webhooks.update(webhook_id, ask, check=precondition))
 
 
 @router.delete(
@@ -142,24 +140,24 @@ def replace_webhook(
     openapi_extra=trying(webhook_id="example-spare"),
     responses=refuses("webhook-not-found"),
 )
-def delete_webhook(webhook_id: Identifier, webhooks: TheWebhooks) -> None:
+def delete_webhook(webhook_id: Identifier, store: TheStore) -> None:
     """Delete a webhook and its list of deliveries; nothing more is sent to it."""
-    webhooks.delete(webhook_id)
+    store.webhooks.delete(webhook_id)
 
 
 @router.post(
     "/{webhook_id}/test", needs=Scope.ADMIN, summary="Send a test to a webhook", responses=refuses("webhook-not-found")
 )
 async def test_webhook(
-    webhook_id: Identifier, webhooks: TheWebhooks, settings: TheSettings, repeatable: TheRepeatable
+    webhook_id: Identifier, store: TheStore, settings: TheSettings, repeatable: TheRepeatable
 ) -> WebhookTest:
     """Send one message of the type `webhook-test` now, also to a disabled webhook; the answer has the outcome."""
     await repeatable.check_sent()
     # Sent before the transaction, so that no lock waits for a receiver.
     tested = await run_in_threadpool(
-        send_test, webhooks, AllowedDestinations(settings.webhook_destinations), webhook_id
+        send_test, store.webhooks, AllowedDestinations(settings.webhook_destinations), webhook_id
     )
-    return await run_in_threadpool(repeatable.once, partial(webhooks.note_test, tested))
+    return await run_in_threadpool(repeatable.once, partial(store.webhooks.note_test, tested))
 
 
 @router.post(
@@ -171,11 +169,11 @@ async def test_webhook(
 )
 @repeatable
 def rotate_webhook(
-    webhook_id: Identifier, webhooks: TheWebhooks, response: Response, rotation: Sent[WebhookRotation] = FOR_A_DAY
+    webhook_id: Identifier, store: TheStore, response: Response, rotation: Sent[WebhookRotation] = FOR_A_DAY
 ) -> NewWebhook:
     """Replace the secret; for the grace period both sign messages. The new one is in this answer and nowhere else."""
     response.headers["Cache-Control"] = "no-store"
-    return webhooks.rotate(webhook_id, grace_s=rotation.grace_s)
+    return store.webhooks.rotate(webhook_id, grace_s=rotation.grace_s)
 
 
 @router.get(
@@ -184,10 +182,10 @@ def rotate_webhook(
     responses=refuses("webhook-not-found", "invalid-cursor"),
 )
 def list_deliveries(
-    webhook_id: Identifier, paging: Annotated[NumberedPaging, Query()], webhooks: TheWebhooks
+    webhook_id: Identifier, paging: Annotated[NumberedPaging, Query()], store: TheStore
 ) -> Page[Delivery]:
     """List one entry for each event, the newest first; each is kept for a week after its last attempt."""
-    return webhooks.deliveries(webhook_id, after=paging.after, limit=paging.limit)
+    return store.webhooks.deliveries(webhook_id, after=paging.after, limit=paging.limit)
 
 
 def _check(ask: WebhookRequest, settings: ServiceSettings) -> None:

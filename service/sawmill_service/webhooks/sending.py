@@ -21,8 +21,8 @@ from sawmill_service.webhooks.destinations import AllowedDestinations, RefusedDe
 LIMIT_S = 15.0
 _LONGEST_REASON = 300
 
+# Function of a host and a port that finds the addresses, as texts.
 Resolve = Callable[[str, int], Awaitable[list[str]]]
-"""Function of a host and a port that finds the addresses, as texts."""
 
 
 class DeliveryAnswer(NamedTuple):

@@ -18,6 +18,7 @@ from sawmill_calibration.pictures.phantom_drawing import phantom_svg
 from sawmill_calibration.pictures.round_numbers import round_length, ticks
 from sawmill_contracts.phantoms import PhantomDrawing
 from sawmill_vocabulary import ColorMap, Disc, Polygon
+from sawmill_vocabulary.side_view import SideView
 
 PLACE = {"pixel_mm": 0.5, "first_pixel_mm": (60.25, -40.0)}
 
@@ -258,9 +259,9 @@ def test_a_mosaic_and_a_side_view_of_what_is_none_are_a_sentence():
         side_view(np.full((3, 4), np.nan))
 
 
-def side_view(densest, **options):
-    given = {"across_mm": (-200.0, 200.0), "across": "y", "along_mm": None, "unit": "1/mm", "window": (0, 1)}
-    return np.asarray(decoded(side_view_png(densest, **given | options)))
+def side_view(densest, along_mm=None):
+    view = SideView(densest, "y", (-200.0, 200.0), along_mm, "1/mm")
+    return np.asarray(decoded(side_view_png(view, window=(0, 1))))
 
 
 def framed(page):

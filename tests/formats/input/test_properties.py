@@ -18,6 +18,9 @@ QUICK = settings(
     max_examples=60, deadline=None, database=None, derandomize=True, suppress_health_check=list(HealthCheck)
 )
 THOROUGH = settings(QUICK, max_examples=2_000, derandomize=False)
+quick_or_thorough = pytest.mark.parametrize(
+    "examples", [QUICK, pytest.param(THOROUGH, marks=pytest.mark.nightly)], ids=["quick", "thorough"]
+)
 MEMORY_BYTES = 64 * 2**20
 FILES = WHOLE | {"png": saved(Image.fromarray(STACK[0].astype(np.uint8)).save, format="PNG")}
 # Numbers that parsers trip over, in either order of bytes, and a few bytes of anything.
@@ -44,28 +47,19 @@ def read_scan(path):
 
 
 @pytest.mark.parametrize("kind", FILES)
-@QUICK
-@given(edits=EDITS, keep=KEPT_SHARES)
-def test_edited_files_are_read_or_refused(tmp_path, kind, edits, keep):
-    check_edited(tmp_path, kind, edits, keep)
+@quick_or_thorough
+def test_edited_files_are_read_or_refused(file, kind, examples):
+    @examples
+    @given(edits=EDITS, keep=KEPT_SHARES)
+    def check(edits, keep):
+        data = bytearray(FILES[kind])
+        for where, new in edits:
+            at = int(where * len(data))
+            data[at : at + len(new)] = new
+        file.write_bytes(data[: int(keep * len(data))])
+        read_or_refused(lambda: (read_picture if kind == "png" else read_scan)(file))
 
-
-@pytest.mark.nightly
-@pytest.mark.parametrize("kind", FILES)
-@THOROUGH
-@given(edits=EDITS, keep=KEPT_SHARES)
-def test_thousands_of_edited_files_are_read_or_refused(tmp_path, kind, edits, keep):
-    check_edited(tmp_path, kind, edits, keep)
-
-
-def check_edited(tmp_path, kind, edits, keep):
-    data = bytearray(FILES[kind])
-    for where, new in edits:
-        at = int(where * len(data))
-        data[at : at + len(new)] = new
-    file = tmp_path / "upload"
-    file.write_bytes(data[: int(keep * len(data))])
-    read_or_refused(lambda: (read_picture if kind == "png" else read_scan)(file))
+    check()
 
 
 # HDF5 whose bytes were edited may end the process that reads it (in the service it may): what varies is the structure.
@@ -85,27 +79,19 @@ ATTRIBUTES = st.dictionaries(st.sampled_from(["units", "axes", "MATLAB_class", "
 MEMBERS = st.lists(st.tuples(PATHS, VALUES, ATTRIBUTES), max_size=6)
 
 
-@QUICK
-@given(members=MEMBERS)
-def test_hdf5_of_any_structure_is_read_or_refused(tmp_path, members):
-    check_structure(tmp_path, members)
+@quick_or_thorough
+def test_hdf5_of_any_structure_is_read_or_refused(file, examples):
+    @examples
+    @given(members=MEMBERS)
+    def check(members):
+        with h5py.File(file, "w") as h5:
+            for path, value, attributes in members:
+                try:
+                    h5[path] = value
+                    for name, attribute in attributes.items():
+                        h5[path].attrs[name] = attribute
+                except (ValueError, TypeError, KeyError, OSError, RuntimeError, AttributeError):
+                    continue  # what the library does not write
+        read_or_refused(lambda: read_scan(file))
 
-
-@pytest.mark.nightly
-@THOROUGH
-@given(members=MEMBERS)
-def test_thousands_of_hdf5_structures_are_read_or_refused(tmp_path, members):
-    check_structure(tmp_path, members)
-
-
-def check_structure(tmp_path, members):
-    file = tmp_path / "upload"
-    with h5py.File(file, "w") as h5:
-        for path, value, attributes in members:
-            try:
-                h5[path] = value
-                for name, attribute in attributes.items():
-                    h5[path].attrs[name] = attribute
-            except (ValueError, TypeError, KeyError, OSError, RuntimeError, AttributeError):
-                continue  # what the library does not write
-    read_or_refused(lambda: read_scan(file))
+    check()

@@ -27,17 +27,12 @@ DROP = """text => {
 }"""
 
 
-@pytest.fixture(scope="module")
-def scan_path(tmp_path_factory):
-    """Counts of the phantom with flat and dark fields, and without the angles: they begin at 3 degrees."""
+def test_from_an_empty_folder_to_the_accepted_calibration(page, service, tmp_path):
+    # Counts of the phantom with flat and dark fields, and without the angles: they begin at 3 degrees.
     angles = (np.arange(VIEWS) + 0.5) * TAU / VIEWS
     stack = simulate_stack([L_SHAPE.of_density(SAPWOOD_PER_MM)], FanBeamGeometry(SCANNER, THETA, angles), seed=3)
-    path = tmp_path_factory.mktemp("scan") / "morning.npz"
-    np.savez(path, projections=stack.counts, flats=stack.flats, darks=stack.darks)
-    return path
-
-
-def test_from_an_empty_folder_to_the_accepted_calibration(page, service, scan_path):
+    scan_path = tmp_path / "morning.npz"
+    np.savez(scan_path, projections=stack.counts, flats=stack.flats, darks=stack.darks)
     page.goto("/calibrate")
     looks_right(page, "calibrate-file")
 

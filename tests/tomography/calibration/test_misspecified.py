@@ -25,10 +25,6 @@ ANGLES = (np.arange(60) + 0.5) * 2.0 * np.pi / 60
 SEEDS = range(1260, 1266)
 
 
-def shadow(body):
-    return analytic.project(body, DetectorCells.of(SCANNER), FRAME, ANGLES, rays_per_cell=6)
-
-
 def with_a_knot(rng):
     """Denser by a third, in the lower leg or the upper part of the L."""
     x, y = (
@@ -48,7 +44,7 @@ def with_a_worn_corner(rng):
 
 
 def calibrated(body, drawn, seed, *without):
-    clean = shadow(body)
+    clean = analytic.project(body, DetectorCells.of(SCANNER), FRAME, ANGLES, rays_per_cell=6)
     noise = 0.005 * np.sqrt(np.mean(clean**2)) * np.random.default_rng(seed).standard_normal(clean.shape)
     found = calibrate(CalibrationTask(SCANNER, drawn, clean + noise, ANGLES, without=frozenset(without)), seed=seed)
     return ray_error(SCANNER, FRAME, found.frame).rms_mm, found

@@ -38,11 +38,6 @@ def lines(projector):
     return projector.block(np.stack(found))
 
 
-@pytest.fixture(scope="module")
-def truth():
-    return np.stack([log(n).rasterise(SIZE, 300.0) for n in range(SLICES)])
-
-
 def test_the_gradient_is_that_of_the_value(projector, lines):
     prior = TotalVariationPrior(np.full(SLICES, 4e-4), np.full(SLICES, 300.0), np.full(SLICES, 0.02))
     weights = np.full((1, 1, 1), 100.0, np.float32) * np.ones_like(lines)
@@ -63,7 +58,8 @@ def test_the_gradient_is_that_of_the_value(projector, lines):
     assert np.abs(moved[0, 3] - gradient[0, 3]).max() > 0.0
 
 
-def test_neighbours_lower_the_error_and_the_data_choose_to_let_them(projector, lines, truth):
+def test_neighbours_lower_the_error_and_the_data_choose_to_let_them(projector, lines):
+    truth = np.stack([log(n).rasterise(SIZE, 300.0) for n in range(SLICES)])
     alone = total_variation(projector, lines, weight=200.0)
     found = choose_coupling(projector, lines, 200.0)
     assert found.coupling > 0.0

@@ -34,8 +34,8 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.fixture
-def one_of_each(store):
-    """A waiting job of every kind, all of which tell what they have and reach."""
+def reported(store, start, settings, monkeypatch):
+    """By kind, what the attempts reported, with secrets all around; afresh, of the first two kinds."""
     store.phantoms.seed_built_in(BUILT_IN_PHANTOMS)
     scanner = store.scanners.create(ScannerSpec.model_validate(SCANNER_SPEC | {"name": "tell-all"})).id
     spec = ScanSpec(scanner_id=scanner, data=DataKind.COUNTS, phantom_id="l-shape")
@@ -56,11 +56,6 @@ def one_of_each(store):
     inspection = store.inspections.accept_file(InspectionOptions(), upload(), name="tell-all").id
     pairs = fixed_pairs.DECLARATION.to_ask.example["body"] | {"inspection_ids": [inspection] * 2}
     store.asked(fixed_pairs.DECLARATION).accept(FixedPairsRequest.model_validate(pairs))
-
-
-@pytest.fixture
-def reported(store, start, settings, one_of_each, monkeypatch):  # noqa: ARG001 - waiting jobs
-    """By kind, what the attempts reported, with secrets all around; afresh, of the first two kinds."""
     for path in (store.files.folder.parent / "canary", store.files.upload(kinds.INGEST, "other")):
         path.parent.mkdir(exist_ok=True)
         path.write_text("canary")

@@ -112,8 +112,3 @@ def reconstructing(store: Store, attempt: Callable[..., MillAttempt]) -> Callabl
         return attempt(kinds.RECONSTRUCT)
 
     return ask
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _in_one_thread(one_thread: None) -> None:
-    """Their scans are small."""

@@ -4,7 +4,8 @@ import math
 import subprocess
 import sys
 import textwrap
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from types import SimpleNamespace
 from uuid import uuid4
 
 import h5py
@@ -32,15 +33,6 @@ from sawmill_worker.jobs.running import run
 VIEWS, ROWS = 36, 44
 LOST = 6
 PHOTONS, DARK = 20_000.0, 200.0
-
-
-@dataclass(frozen=True, eq=False)
-class Prepared:
-    stack: np.ndarray
-    air_level: np.ndarray | None
-    remarks: tuple[str, ...]
-    row_shifts: np.ndarray | None
-    views_left_out: tuple[int, ...]
 
 
 @pytest.fixture
@@ -76,8 +68,8 @@ def prepare(turn, tmp_path):
         assert done.shape == stored.line_integrals.shape
         with h5py.File(output) as file:
             shifts = file.get("entry/provenance/row_shifts")
-            shifts_rows = None if shifts is None else shifts[()]
-            return Prepared(stored.line_integrals, stored.air_level, done.remarks, shifts_rows, done.views_left_out)
+            read = {"air_level": stored.air_level, "row_shifts": None if shifts is None else shifts[()]}
+        return SimpleNamespace(**vars(done) | read, stack=stored.line_integrals)
 
     return of
 

@@ -15,7 +15,6 @@ from sawmill_contracts import calibrations as contracts
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.phantoms import PhantomDrawing
 from sawmill_contracts.reasons import CodedReason
-from sawmill_tomography.calibration.alternatives import Alternatives
 from sawmill_tomography.calibration.calibrate import calibrate
 from sawmill_tomography.calibration.calibration import CalibrationOutcome
 from sawmill_tomography.calibration.phantom_rows import odd_rows, segments
@@ -256,6 +255,8 @@ def calibration_result(
     """Convert a calibration to its contract; a scanner that moved is the first of the reasons."""
     findings, frame, judgement = calibration.findings, calibration.frame, calibration.judgement
     fit, bars = findings.fit, findings.error_bars
+    exact = findings.alternatives.hypotheses[0].relative_residual <= 0.0
+    behind = findings.alternatives.log_likelihood_behind
     moved = [] if comparison is None or comparison.within_tolerance else [comparison.explanation]
     measured = measurement_reasons(calibration_input.drawing, datetime.now(tz=UTC).date())
     reasons = [*moved, *map(CodedReason.of, (*judgement.reasons, *measured))]
@@ -278,7 +279,10 @@ def calibration_result(
         uncertainty_budget=uncertainty_budget(calibration),
         handedness=calibration.handedness,
         rotation=calibration.rotation,
-        hypotheses=_hypotheses(findings.alternatives),
+        hypotheses=[
+            contracts.Hypothesis(**vars(one), log_likelihood_behind=None if exact else behind(one.relative_residual))
+            for one in findings.alternatives.hypotheses
+        ],
         phantom_position_mm=fit.position_mm,
         gain=fit.gain,
         offset=fit.offset,
@@ -323,15 +327,3 @@ def measurement_reasons(drawing: PhantomDrawing, today: date) -> Iterator[Reason
         drawn_mm = float(extent_mm[axis])
         if abs(drawn_mm - measured.measured_mm) > CONTRADICTION * measured.standard_uncertainty_mm:
             yield CalibrationMessage.NOT_AS_MEASURED(**values, drawn_mm=drawn_mm)
-
-
-def _hypotheses(alternatives: Alternatives) -> list[contracts.Hypothesis]:
-    """List all hypotheses that were tried, each with its log-likelihood deficit to the best."""
-    exact = alternatives.hypotheses[0].relative_residual <= 0.0
-    return [
-        contracts.Hypothesis(
-            **vars(report),
-            log_likelihood_behind=None if exact else alternatives.log_likelihood_behind(report.relative_residual),
-        )
-        for report in alternatives.hypotheses
-    ]

@@ -77,7 +77,7 @@ def with_second_witness(
     try:
         combined = with_log(calibration, log.sinogram)
     except DriftError as error:
-        remark = AdjustmentMessage.LOG_NOT_USED(rows=_span(log.rows), why=str(error))
+        remark = AdjustmentMessage.LOG_NOT_USED(rows=f"{log.rows[0]}:{log.rows[-1] + 1}", why=str(error))
         return calibration_input.with_remark(remark), calibration
     return replace(calibration_input, log_rows=log.rows), combined
 
@@ -172,10 +172,6 @@ def _coarse(sinogram: FloatArray) -> FloatArray:
     views, cells = (size // block * block for size, block in zip(sinogram.shape, (together, BLOCK_CELLS), strict=True))
     blocks = sinogram[:views, :cells].reshape(views // together, together, -1, BLOCK_CELLS)
     return np.asarray(blocks.mean(axis=(1, 3)).ravel())
-
-
-def _span(rows: tuple[int, ...]) -> str:
-    return f"{rows[0]}:{rows[-1] + 1}"
 
 
 def _pair(values: tuple[float, float]) -> contracts.ColumnAndTilt:

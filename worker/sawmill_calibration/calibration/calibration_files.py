@@ -15,7 +15,6 @@ from sawmill_tomography.calibration.calibration import CalibratedGeometry, Calib
 from sawmill_tomography.calibration.phantom_rows import shows_another_body
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray, GeometryError, Theta
 from sawmill_tomography.geometry.image_grid import ImageGrid
-from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.projection.projector import Projector
 from sawmill_tomography.reconstruction.fbp import fbp
 from sawmill_tomography.sinograms.present_rows import filled
@@ -32,8 +31,9 @@ def calibration_arrays(
     calibration: CalibrationOutcome, calibration_input: CalibrationInput, log: LogImages | None
 ) -> CalibrationArrays:
     """Compute the arrays from which a calibration's pictures are drawn, as docs/look-up/formats.md lists them."""
-    seen = calibration.seen
-    reach = max(float(np.abs(outline).max()) for outline in seen.outlines())
+    outlines, gap = calibration.seen.outlines(), np.full((1, 2), np.nan)
+    closed = [piece for outline in outlines for piece in (gap, outline, outline[:1])]
+    reach = max(float(np.abs(outline).max()) for outline in outlines)
     frame = calibration.frame
     field = min(2.4 * reach, 1.3 * frame.source_distance_mm * math.cos(frame.tilt_rad))
     image, method = _phantom_image(calibration, calibration_input, field)
@@ -44,7 +44,7 @@ def calibration_arrays(
         angles_rad=calibration_input.angles_rad,
         phantom_image=image,
         phantom_field_mm=field,
-        phantom_outlines_mm=_closed(seen),
+        phantom_outlines_mm=np.concatenate(closed[1:]),
         search_history=np.array(calibration.search.history, np.float64).reshape(-1, 2),
         phantom_image_method=method,
         log=log,
@@ -95,12 +95,6 @@ def _phantom_image(
         coarse = Projector(fan.at(few), projector.grid)
         image = total_variation(coarse, lines[few], weight=WEIGHT, iterations=ITERATIONS).image
         return image, ReconstructionMethod.TOTAL_VARIATION
-
-
-def _closed(phantom: Phantom) -> NDArray[np.float64]:
-    """Concatenate all outlines, each closed, with NaN between outlines."""
-    gap = np.full((1, 2), np.nan)
-    return np.concatenate([piece for outline in phantom.outlines() for piece in (gap, outline, outline[:1])][1:])
 
 
 def _log_arrays(log: LogImages, unit: str) -> dict[str, NamedArray]:

@@ -101,19 +101,26 @@ def check_drift(
         raise change.DriftError(error.code, f"{error}. {masked} Wide masks do that too: send narrower ones") from error
     covariance = None if calibration.covariance is None else np.array(calibration.covariance)
     absolute = change.drift_change(scanner, calibrated, covariance, fit, radius_mm=radius_mm)
-    method = _method(fit)
+    method: DriftMethod = "opposite-rays" if isinstance(fit, change.ConjugateFit) else "view-pairs"
     baseline = next((each for each in baselines if each.method == method), None)
     changed, zero = absolute, None
     if baseline is not None:
         changed = change.drift_change(scanner, calibrated, covariance, fit, zero=baseline.offset, radius_mm=radius_mm)
-        zero = _reported(baseline, scanner, calibrated, fit, changed, radius_mm)
+        zero = drifts.DriftBaseline(
+            **dict(baseline),
+            ray_offset_mm=change.zero_offset_mm(scanner, calibrated, baseline.offset, radius_mm=radius_mm),
+            change=_detector(changed.change),
+            change_standard_deviation=_deviation(fit, changed.deviation),
+            significance=_deviation(fit, changed.significance),
+        )
     turned_over = fit.rotation is not calibration.rotation
     within = None if nominal else _within(changed, reference, zero, turned_over=turned_over)
-    reason = (
-        _reason(reference, fit, changed, zero, within=within, turned_over=turned_over)
-        if nominal is None
-        else found_column(nominal, fit)
-    )
+    if nominal is None:
+        of_detector = _of_the_detector(reference, changed, zero, within=within, turned_over=turned_over)
+        of_turn = change.disturbed_turn(fit)
+        reason: str = LogMessage.DISTURBED_TURN(of_detector, *of_turn) if of_turn else of_detector
+    else:
+        reason = found_column(nominal, fit)
     return drifts.DriftResult(
         measured=_detector(change.seen_vector(fit)),
         standard_deviation=_deviation(fit, fit.deviation),
@@ -201,20 +208,6 @@ def _is_far(zero: drifts.DriftBaseline | None, reference: _Reference) -> bool:
     return zero is not None and zero.ray_offset_mm > reference.tolerance_mm
 
 
-def _reason(
-    reference: _Reference,
-    fit: change.DetectorFit,
-    changed: change.DriftChange,
-    zero: drifts.DriftBaseline | None,
-    *,
-    within: bool | None,
-    turned_over: bool,
-) -> Reason:
-    of_the_turn = change.disturbed_turn(fit)
-    of_the_detector = _of_the_detector(reference, changed, zero, within=within, turned_over=turned_over)
-    return LogMessage.DISTURBED_TURN(of_the_detector, *of_the_turn) if of_the_turn else of_the_detector
-
-
 def _of_the_detector(
     reference: _Reference,
     changed: change.DriftChange,
@@ -248,27 +241,6 @@ def _of_the_detector(
     if not within and changed.contrast_loss.matters:
         cause = LogMessage.LOST_CONTRAST(cause, **lost)
     return cause if zero is None else LogMessage.SINCE_BASELINE(cause, looks=zero.checks)
-
-
-def _method(fit: change.DetectorFit) -> DriftMethod:
-    return "opposite-rays" if isinstance(fit, change.ConjugateFit) else "view-pairs"
-
-
-def _reported(
-    baseline: drifts.KnownBaseline,
-    scanner: Scanner,
-    calibrated: SourceFrame,
-    fit: change.DetectorFit,
-    changed: change.DriftChange,
-    radius_mm: float,
-) -> drifts.DriftBaseline:
-    return drifts.DriftBaseline(
-        **dict(baseline),
-        ray_offset_mm=change.zero_offset_mm(scanner, calibrated, baseline.offset, radius_mm=radius_mm),
-        change=_detector(changed.change),
-        change_standard_deviation=_deviation(fit, changed.deviation),
-        significance=_deviation(fit, changed.significance),
-    )
 
 
 def _not_seen(fit: change.DetectorFit, zero: drifts.DriftBaseline | None) -> list[str]:

@@ -70,7 +70,10 @@ def report_figure(
     if arrays.log is not None:
         _draw_logs(parts["log"], arrays.log, reader)
     residual_part, search_part = _side_by_side(parts["fit"], 1.9, 1)
-    residual_part.suptitle(_residual_title(result, reader))
+    share = N_("RMS %(rms)s, %(share)s %% of the sinogram.")
+    of_sinogram = {"rms": f"{result.residual.rms:.3g}", "share": f"{100 * result.residual.relative:.3g}"}
+    title = f"{reader.words(N_('Residual: measured less model'))}: {reader.words(share) % of_sinogram}"
+    residual_part.suptitle(reader.localised(title))
     _draw_residual(residual_part, result, arrays, reader)
     search, evaluations = result.search, reader.words(N_("evaluations"))
     search_part.suptitle(f"{reader.words(N_('Search'))}: {search.method}, {search.evaluations} {evaluations}")
@@ -160,12 +163,6 @@ def _draw_logs(part: SubFigure, log: LogImages, reader: Reader) -> None:
         ax.set_title(title, fontsize=13)
         shown = draw_log(ax, image, log.field_mm, window)
     part.colorbar(shown, ax=axes, shrink=0.9, pad=0.015)
-
-
-def _residual_title(result: CalibrationResult, reader: Reader) -> str:
-    share = N_("RMS %(rms)s, %(share)s %% of the sinogram.")
-    of_sinogram = {"rms": f"{result.residual.rms:.3g}", "share": f"{100 * result.residual.relative:.3g}"}
-    return reader.localised(f"{reader.words(N_('Residual: measured less model'))}: {reader.words(share) % of_sinogram}")
 
 
 def _draw_one_log(image: NDArray[np.float32], field_mm: float, window: Window, figure: Figure) -> None:

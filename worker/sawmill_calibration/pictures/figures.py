@@ -34,9 +34,7 @@ def sinogram_figure(
         sinogram, cmap="gray", vmin=window[0], vmax=window[1], extent=extent, aspect="auto", interpolation="nearest"
     )
     ax.set_yticks(*zip(*labelled_views(angles_deg), strict=True))
-    ax.set_xlabel("position on the detector, mm")
-    ax.set_ylabel("angle of the view, degrees")
-    ax.set_title(title)
+    ax.set(xlabel="position on the detector, mm", ylabel="angle of the view, degrees", title=title)
     figure.colorbar(shown, ax=ax, label="line integral")
     return figure
 
@@ -72,8 +70,7 @@ def drift_figure(result: DriftResult) -> Figure:
         change, reach = getattr(result.change, name), SIGNIFICANT * getattr(deviation, name)
         ax.errorbar([change], [0.0], xerr=[reach], fmt="o", capsize=5)
         ax.axvline(0.0, color="0.6", linewidth=1.0)
-        ax.set_yticks([])
-        ax.set_xlabel(DETECTOR_PARAMETERS[name])
+        ax.set(yticks=[], xlabel=DETECTOR_PARAMETERS[name])
     return figure
 
 

@@ -12,6 +12,7 @@ from sawmill_calibration.pictures import pages
 from sawmill_calibration.pictures.pages import Window, shaded, window_of
 from sawmill_calibration.pictures.round_numbers import ticks
 from sawmill_vocabulary import ColorMap
+from sawmill_vocabulary.side_view import SideView
 
 TILE_PX = 256
 # Space above each tile for its label, and between two tiles, pixels.
@@ -81,30 +82,18 @@ def mosaic_png(
 
 
 def side_view_png(
-    densest: NDArray[np.floating[Any]],
+    view: SideView,
     *,
-    across_mm: pages.Span,
-    across: str,
-    along_mm: pages.Span | None,
-    unit: str,
     window: Window | None = None,
     color_map: ColorMap = ColorMap.GREY,
     title: str | None = None,
 ) -> bytes:
     """Draw the largest value behind each point of a log's side: the log runs to the right, x or y downwards.
 
+    Slices without spacing are counted.
+
     Parameters
     ----------
-    densest : (slice, x or y) float
-        Maximum over the other axis of each slice.
-    across_mm : (low, high)
-        Ends of the field along the axis that is shown.
-    across : str
-        Name of the axis that is shown.
-    along_mm : (low, high) or None
-        Ends of the log along its length; None where the spacing of slices is not known, then slices are counted.
-    unit : str
-        Of the values, for the colour bar.
     window : (low, high), optional
         Values shown at the ends of the colour map; the 0.1 and 99.9 percentiles by default.
 
@@ -113,19 +102,22 @@ def side_view_png(
     ValueError
         The view is not two-dimensional or not finite.
     """
+    densest, along_mm = view.data, view.along_mm
     if densest.ndim != 2 or 0 in densest.shape:
         raise ValueError(f"a side view is two-dimensional, not of shape {densest.shape}")
     shown = window or window_of(densest)
-    size = width, height = _side_view_size(densest.shape, across_mm, along_mm)
+    size = width, height = _side_view_size(densest.shape, view.across_mm, along_mm)
     layout = pages.Layout.around(size, axis_labels=True, title=True)
     page, draw = pages.page_of(layout, None, color_map)
     pages.draw_panel(page, layout, densest_of(densest.T, (height, width)), shown, color_map)
-    pages.draw_color_bar(draw, page, layout, shown, unit, color_map)
+    pages.draw_color_bar(draw, page, layout, shown, view.unit, color_map)
     span = along_mm or (-0.5, len(densest) - 0.5)
     pages.draw_bottom_axis(draw, layout, span, "slice" if along_mm is None else "along the log, mm")
-    low, high = across_mm
+    low, high = view.across_mm
     marks = [((value - low) / (high - low), f"{value:g}") for value in ticks(low, high)]
-    pages.draw_left_axis(draw, layout, marks, f"{across}, mm" if title is None else f"{across}, mm     {title}")
+    pages.draw_left_axis(
+        draw, layout, marks, f"{view.across}, mm" if title is None else f"{view.across}, mm     {title}"
+    )
     return pages.encoded(page)
 
 

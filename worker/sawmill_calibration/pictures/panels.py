@@ -63,7 +63,6 @@ class _Localised(Formatter):
         self._inner.set_axis(axis)
 
     def __call__(self, value: float, position: int | None = None) -> str:
-        """Write one value."""
         return self._reader.localised(self._inner(value, position))
 
     def format_ticks(self, values: Any) -> list[str]:  # noqa: ANN401 - as matplotlib has it
@@ -90,8 +89,7 @@ def show_image(
     half, (x, y) = field_mm / 2, centre_mm
     extent = (y - half, y + half, x + half, x - half)
     shown = ax.imshow(image, cmap="gray", vmin=window[0], vmax=window[1], extent=extent, interpolation="nearest")
-    ax.set_xlabel("y, mm")
-    ax.set_ylabel("x, mm")
+    ax.set(xlabel="y, mm", ylabel="x, mm")
     return shown
 
 

@@ -226,9 +226,11 @@ def phantom_sides(drawing: PhantomDrawing, reader: Reader = ENGLISH) -> str:
     """Describe the phantom's measured sides with their dates, or its drawn extent if nobody measured it."""
     if drawing.measurements:
         return "; ".join(_measured(each, reader) for each in drawing.measurements)
-    low_x, low_y, high_x, high_y = _extent(drawing)
+    wood: Sequence[Shape] = [shape for shape in drawing.shapes if shape.density > 0.0] or drawing.shapes
+    extents = np.array([shape.extent_mm for shape in wood])
+    along_x, along_y = extents[:, 2:].max(axis=0) - extents[:, :2].min(axis=0)
     drawn = reader.words(N_("drawn %(size)s along x and y; no measurement is recorded"))
-    return drawn % {"size": reader.localised(f"{high_x - low_x:g} x {high_y - low_y:g} mm")}
+    return drawn % {"size": reader.localised(f"{along_x:g} x {along_y:g} mm")}
 
 
 def size_tolerance(drawing: PhantomDrawing, reader: Reader = ENGLISH) -> str:
@@ -247,14 +249,6 @@ def lost(loss: ContrastLoss, reader: Reader = ENGLISH) -> str:
     both = {"knot": loss.knot_10_mm_percent, "mtf": loss.mtf_percent}
     values = {name: f"{percent:.2g}" if percent >= 0.1 else "< 0.1" for name, percent in both.items()}
     return reader.localised(reader.words(N_("knots of 10 mm %(knot)s %%, MTF at 0.1 per mm %(mtf)s %%")) % values)
-
-
-def _extent(drawing: PhantomDrawing) -> tuple[float, float, float, float]:
-    wood: Sequence[Shape] = [shape for shape in drawing.shapes if shape.density > 0.0] or drawing.shapes
-    extents = np.array([shape.extent_mm for shape in wood])
-    low_x, low_y = extents[:, :2].min(axis=0)
-    high_x, high_y = extents[:, 2:].max(axis=0)
-    return float(low_x), float(low_y), float(high_x), float(high_y)
 
 
 def _slope_degrees(theta: Theta) -> float:

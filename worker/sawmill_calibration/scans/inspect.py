@@ -78,10 +78,8 @@ class InspectionInput:
     follow_links: bool = False
     transpose: bool = False
     axes: str | None = None
-    uploaded: bool = False
-    """Whether a service has it, which reads one file alone and has no flags."""
-    pictures: Path | None = None
-    """Folder for a picture of the scan; None: none is drawn, and no projection is read."""
+    uploaded: bool = False  # whether a service has it, which reads one file alone and has no flags
+    pictures: Path | None = None  # folder for a picture of the scan; None: none is drawn, and no projection is read
 
 
 def inspect_file(source: InspectionInput) -> InspectionResult:
@@ -197,8 +195,17 @@ def _refused_or_missing(error: UnreadableScan, source: InspectionInput) -> Field
 
 def _of_contents(contents: FileContents, source: InspectionInput, kind: OwnKind | None) -> Fields:
     scan, read = None, Fields()
+    of_integrals = source.data is DataKind.LINE_INTEGRALS
+    lacks_flats = contents.flats is None and not of_integrals
     try:
-        scan = _canonical(contents, source)
+        # As it would be read once its kind is given, and its flat fields if they are missing.
+        scan = canonical_scan(
+            replace(contents, darks=None) if lacks_flats else contents,
+            counts=not (of_integrals or lacks_flats),
+            angles_deg=source.angles,
+            detector_pitch_mm=source.detector_pitch_mm,
+            row_pitch_mm=source.row_pitch_mm,
+        )
     except UnreadableScan as error:
         read = _refused_or_missing(error, source)
     if source.pictures is not None and "refusal" not in read:
@@ -226,19 +233,6 @@ def _draw(projections: Projections, folder: Path) -> None:
         name, image = ScanPicture.SINOGRAM, projections.read(slice(0, views), slice(rows // 2, rows // 2 + 1))[:, 0]
     grey = 255 * small_square(np.nan_to_num(image), PICTURE_PX)
     (folder / name).write_bytes(np.rint(grey).astype(np.uint8).tobytes())
-
-
-def _canonical(contents: FileContents, source: InspectionInput) -> CanonicalScan:
-    """Return the scan as it would be read once its kind is given, and its flat fields if they are missing."""
-    of_integrals = source.data is DataKind.LINE_INTEGRALS
-    lacks_flats = contents.flats is None and not of_integrals
-    return canonical_scan(
-        replace(contents, darks=None) if lacks_flats else contents,
-        counts=not (of_integrals or lacks_flats),
-        angles_deg=source.angles,
-        detector_pitch_mm=source.detector_pitch_mm,
-        row_pitch_mm=source.row_pitch_mm,
-    )
 
 
 def _reading(contents: FileContents, source: InspectionInput, scan: CanonicalScan | None) -> InspectedReading:

@@ -116,7 +116,7 @@ def align_rows(
     if prepare is not None:
         prepare()
     if shifts is None or prepare is not None:
-        shifts = _shifts(views, angles_rad, method, _unchanged)
+        shifts = _shifts(views, angles_rad, method, lambda _: None)  # line integrals are not changed
     moves = bool(shifts.rows.any())
     return _aligned(shifts, views.move(shifts) if moves else views.present, angles_rad, mixed=moves)
 
@@ -149,7 +149,3 @@ def _object_cells(views: Views, estimate: Callable[[Stack], None]) -> NDArray[np
             air = find_air(sinogram[:, 0])
             shown |= True if air is None else ~air.cells
     return shown if shown.any() else ~shown
-
-
-def _unchanged(_: Stack) -> None:
-    """Leave line integrals unchanged."""

@@ -105,15 +105,6 @@ def read_zip(path: Path, selection: Wanted, bounds: Bounds, files: ExitStack) ->
         raise UnreadableScan(
             "contradiction", f"a ZIP of TIFFs has no named arrays; leave out dataset {quoted(selection.dataset)!r}"
         )
-    return _read_tiffs(archive, infos, selection, bounds)
-
-
-def is_npz(infos: list[ZipInfo]) -> bool:
-    """Return whether an archive holds arrays and nothing else."""
-    return bool(infos) and all(info.filename.endswith(".npy") for info in infos)
-
-
-def _read_tiffs(archive: ZipFile, infos: list[ZipInfo], selection: Wanted, bounds: Bounds) -> FileContents:
     if not infos:
         raise UnreadableScan("unknown-format", "the archive holds no files; pack the views as .tif files")
     images = [
@@ -123,6 +114,11 @@ def _read_tiffs(archive: ZipFile, infos: list[ZipInfo], selection: Wanted, bound
     ]
     others = [info.filename for info in infos if not is_tiff(info.filename)]
     return read_files("zip-of-tiffs", images, others, archive.open, selection, bounds, rows_missing=True)
+
+
+def is_npz(infos: list[ZipInfo]) -> bool:
+    """Return whether an archive holds arrays and nothing else."""
+    return bool(infos) and all(info.filename.endswith(".npy") for info in infos)
 
 
 def _unpacked(archive: ZipFile, info: ZipInfo, bounds: Bounds) -> AbstractContextManager[TiffPages]:

@@ -233,19 +233,16 @@ class CanonicalScan:
                 continue
             missing[view, unusable] = np.isnan(image[unusable]).all(axis=1)
             if missing[view].any() and not self.rows_missing:
-                raise self._lacking(first_view + view, first_row, missing[view])
+                if len(image) == self.shape[1] and missing[view].all():
+                    raise _lacking_throughout(first_view + view)
+                raise UnreadableScan(
+                    "not-finite",
+                    f"view {first_view + view}, row {first_row + int(missing[view].argmax())} is NaN in every cell; "
+                    "where views lack rows, ask for align_rows (--align-rows), which aligns them along the log",
+                )
             present = np.where(missing[view][:, np.newaxis], np.float32(0.0), image)
             plausible.check_finite("view", first_view + view, present, first_row)
         return missing
-
-    def _lacking(self, view: int, first_row: int, missing: NDArray[np.bool_]) -> UnreadableScan:
-        if missing.size == self.shape[1] and missing.all():
-            return _lacking_throughout(view)
-        return UnreadableScan(
-            "not-finite",
-            f"view {view}, row {first_row + int(missing.argmax())} is NaN in every cell; where views lack rows, ask "
-            "for align_rows (--align-rows), which aligns them along the log",
-        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,7 @@ from sawmill_formats.input.plausible import LARGEST_ANGLE_DEG
 from sawmill_formats.nexus import CHUNK_BYTES
 from sawmill_formats.output import scan_layout
 from sawmill_formats.output.calibration_file import ANSWER, ARRAYS
-from sawmill_formats.output.scan_reader import OpenScan, open_scan
+from sawmill_formats.output.scan_reader import open_scan
 
 
 def is_own_scan(path: Path) -> bool:
@@ -34,7 +34,11 @@ def is_own_scan(path: Path) -> bool:
             own = _is_marked(file) and numbers(file, scan_layout.DATA, Bounds(MAX_BYTES, CHUNK_BYTES)) is not None
         if own:
             with open_scan(path) as scan:  # a scan that was repacked is read as any other file
-                return _is_plausible(scan)
+                single = all(each is None or each.dtype == np.float32 for each in (scan.data, scan.deviations))
+                pitches_mm = (scan.detector_pitch_mm, scan.row_pitch_mm)
+                distances = all(pitch is None or LEAST_PITCH_MM <= pitch <= LARGEST_PITCH_MM for pitch in pitches_mm)
+                angles = bool((np.abs(np.rad2deg(scan.angles_rad)) <= LARGEST_ANGLE_DEG).all())
+                return single and distances and angles and scan.data.size > 0
     return False
 
 
@@ -45,14 +49,6 @@ def _is_marked(file: h5py.File) -> bool:
         and find(file, scan_layout.PROVENANCE) is not None
     )
     return own and data is not None and attribute_text(data, "long_name") == scan_layout.LINE_INTEGRALS
-
-
-def _is_plausible(scan: OpenScan) -> bool:
-    single = all(each is None or each.dtype == np.float32 for each in (scan.data, scan.deviations))
-    pitches_mm = (scan.detector_pitch_mm, scan.row_pitch_mm)
-    distances = all(pitch is None or LEAST_PITCH_MM <= pitch <= LARGEST_PITCH_MM for pitch in pitches_mm)
-    angles = bool((np.abs(np.rad2deg(scan.angles_rad)) <= LARGEST_ANGLE_DEG).all())
-    return single and distances and angles and scan.data.size > 0
 
 
 class OwnKind(StrEnum):
@@ -119,7 +115,8 @@ def read_calibration_arrays(path: Path) -> dict[str, NDArray[Any]] | None:
         `dataset-missing` where an array is missing; the file is damaged, or an array is too large.
     """
     with library_errors_translated("HDF5"), open_hdf5(path) as file:
-        arrays = {name: values for name in (*NEEDED, *OF_A_LOG) if (values := _array(file, name)) is not None}
+        datasets = {name: numbers(file, f"{ARRAYS}/{name}", ARRAY) for name in (*NEEDED, *OF_A_LOG)}
+        arrays = {name: read_values(dataset) for name, dataset in datasets.items() if dataset is not None}
         texts = {name: read_text(file, f"{ARRAYS}/{name}") for name in TEXTS}
     if not arrays:
         return None
@@ -132,8 +129,3 @@ def read_time_of_writing(path: Path) -> str | None:
     """Read when the file was written, RFC 3339; None where the file does not tell."""
     with library_errors_translated("HDF5"), open_hdf5(path) as file:
         return read_text(file, WRITTEN_AT)
-
-
-def _array(file: h5py.File, name: str) -> NDArray[Any] | None:
-    dataset = numbers(file, f"{ARRAYS}/{name}", ARRAY)
-    return None if dataset is None else read_values(dataset)

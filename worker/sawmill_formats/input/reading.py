@@ -176,7 +176,15 @@ def reading_contents(
         with library_errors_translated(recognised.name):
             contents = recognised.read(path, selection, bounds, files)
         contents = _in_order(with_fields(contents, flats, darks, bounds), selection)
-        _check_piece(contents.projections, bounds.piece)
+        together, shape = contents.projections.together, contents.projections.shape
+        views, rows = (min(n, most) for n, most in zip(together, shape, strict=False))
+        # Twice in memory, as stored and as float32.
+        if (needed := 4 * views * rows * shape[-1]) > bounds.piece:
+            raise UnreadableScan(
+                "too-large",
+                f"the file stores its projections in pieces of {needed} bytes, where pieces of {bounds.piece} fit into "
+                "the free memory; store them in smaller chunks",
+            )
         other_files = contents.others if linked is None else (*contents.others, *linked.paths)
         yield replace(contents, projections=_translated(contents.projections, recognised.name), others=other_files)
 
@@ -287,18 +295,6 @@ def _in_order(contents: FileContents, selection: Wanted) -> FileContents:
         order=order,
         remarks=(*contents.remarks, ordered(axes=named_axes(order))),
     )
-
-
-def _check_piece(projections: Projections, most_bytes: int) -> None:
-    """Refuse data stored in pieces that cannot be in memory twice, as stored and as float32."""
-    views, rows = (min(n, most) for n, most in zip(projections.together, projections.shape, strict=False))
-    needed = 4 * views * rows * projections.shape[-1]
-    if needed > most_bytes:
-        raise UnreadableScan(
-            "too-large",
-            f"the file stores its projections in pieces of {needed} bytes, where pieces of {most_bytes} fit into the "
-            "free memory; store them in smaller chunks",
-        )
 
 
 def _translated(projections: Projections, what: str) -> Projections:

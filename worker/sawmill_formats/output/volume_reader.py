@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from sawmill_formats import nexus as layout
 from sawmill_formats.errors import NotAsWritten, NotStored, check_index
 from sawmill_formats.output import own_hdf5
+from sawmill_vocabulary.side_view import SideView
 
 Axis = Literal["x", "y"]
 Shape = tuple[int, int, int]
@@ -47,18 +48,6 @@ class VolumeGrid:
     # Position of slice 0 along the log, and the distance to the next slice; None where slices have no spacing
     first_height_mm: float | None
     spacing_mm: float | None
-
-
-@dataclass(frozen=True)
-class SideView:
-    """Densest values of a reconstruction, seen from the side."""
-
-    data: NDArray[np.float32]  # (slice, x or y) float32: the maximum over the other axis of each slice, in `unit`
-    across: str  # remaining axis: x or y
-    across_mm: tuple[float, float]  # (low, high): ends of the field along it
-    # (low, high) or None: ends of the log along its length; None where slices have no spacing
-    along_mm: tuple[float, float] | None
-    unit: str  # unit of the data
 
 
 def check_volume(path: Path, shape: Shape) -> None:

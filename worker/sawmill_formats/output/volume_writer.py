@@ -127,7 +127,11 @@ def new_reconstruction(
     with whole_hdf5(path) as file:
         entry = new_entry(file, layout.DEFINITION)
         entry["title"] = "Attenuation of a log, in slices {} x {} x {}".format(*shape)
-        x_mm, y_mm = (_centres_mm(size, pixel_mm) + middle for size, middle in zip(shape[1:], centre_mm, strict=True))
+        # Pixel centres at -half + (i + 1/2) h: docs/look-up/conventions.md#axes.
+        x_mm, y_mm = (
+            middle + (np.arange(size, dtype=np.float64) + 0.5 - size / 2) * pixel_mm
+            for size, middle in zip(shape[1:], centre_mm, strict=True)
+        )
         along = np.arange(shape[0], dtype=np.float64)
         if row_pitch_mm is not None:
             along = first_slice_mm + along * row_pitch_mm
@@ -206,11 +210,6 @@ def _new_side_views(file: h5py.File) -> list[h5py.Dataset]:
     return datasets
 
 
-def _centres_mm(count: int, spacing_mm: float) -> NDArray[np.float64]:
-    # Pixel centres at -half + (i + 1/2) h: docs/look-up/conventions.md#axes.
-    return (np.arange(count, dtype=np.float64) + 0.5 - count / 2) * spacing_mm
-
-
 _GROUP, _POINTS = "VTKHDF", "VTKHDF/PointData"
 # VTK counts along an array's last axis first, and that is y: its (i, j, k) run along y, x and z. Volumes are drawn only
 # where these three are right-handed, so the slices are in reverse order.
@@ -235,22 +234,18 @@ def describe_image(
     group.attrs["Spacing"] = np.array(spacing_mm[::-1])
     group.attrs["Direction"] = np.ravel(_ALONG_Y_X_MINUS_Z)
     volume.file.create_group(_POINTS)
-    _add_values(volume, name)
-    volume.file[_POINTS][name].attrs["Attribute"] = np.bytes_("Scalars")
-
-
-def _add_values(values: h5py.Dataset, name: str) -> None:
-    """Give VTK the values (z, x, y) of the pixels; nothing is copied."""
-    source = h5py.VirtualSource(".", values.name, values.shape)
-    if len(values) == 1:
+    # The values (z, x, y) of the pixels; nothing is copied.
+    source = h5py.VirtualSource(".", volume.name, volume.shape)
+    if len(volume) == 1:
         # VTK reads an image of one slice from two axes.
-        layout = h5py.VirtualLayout(values.shape[1:], values.dtype)
+        layout = h5py.VirtualLayout(volume.shape[1:], volume.dtype)
         layout[...] = source[0]
     else:
-        layout = h5py.VirtualLayout(values.shape, values.dtype)
-        for n in range(len(values)):
-            layout[len(values) - 1 - n] = source[n]
-    values.file[_POINTS].create_virtual_dataset(name, layout)
+        layout = h5py.VirtualLayout(volume.shape, volume.dtype)
+        for n in range(len(volume)):
+            layout[len(volume) - 1 - n] = source[n]
+    volume.file[_POINTS].create_virtual_dataset(name, layout)
+    volume.file[_POINTS][name].attrs["Attribute"] = np.bytes_("Scalars")
 
 
 # Words a block of the checksum, whose sums are computed from the blocks' sums.

@@ -48,6 +48,12 @@ Name = Annotated[
 # Bound of a number whose field has no closer one.
 LARGEST_NUMBER = 10**12
 Time = Annotated[AwareDatetime, Field(description="RFC 3339, UTC.", examples=["2026-03-02T05:30:00Z"])]
+Sha256 = Annotated[str, Field(examples=["9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"])]
+
+
+def link(to: str, example: str) -> Any:  # noqa: ANN401 - as pydantic's Field
+    """Return the field of a path to a resource."""
+    return Field(description=f"Path of {to}.", examples=[f"/v1/{example}"])
 
 
 def complaint(error: ValidationError) -> str:
@@ -104,7 +110,7 @@ class Page(Contract, Generic[Item]):
 class Stamped(Contract):
     """Fields of every stored resource."""
 
-    id: Identifier = Field(description="The resource's id, which the service gives.", examples=["example"])
+    id: Identifier = Field(description="The resource's id, which the service gives.")
     created_at: datetime = Field(description="Time of creation, RFC 3339, UTC.", examples=["2026-03-02T05:30:00Z"])
 
 

@@ -11,14 +11,12 @@ from sawmill_platform.contracts.jobs import RegisteredWord
 class EventType(RegisteredWord):
     """Kind of an event."""
 
+    # True if somebody decides it: the audit keeps such events for ever, with who decided and from where.
     is_decision: bool
-    """True if somebody decides it: the audit keeps such events for ever, with who decided and from where."""
-    is_public: bool
-    """True if the feed and webhooks publish it."""
+    is_public: bool  # true if the feed and webhooks publish it
+    # Heading under which the history of a group keeps it; the ends of jobs have the topic of their kind of job.
     topic: str | None
-    """Heading under which the history of a group keeps it; the ends of jobs have the topic of their kind of job."""
-    about: str
-    """Explanation for the public document, without a full stop, if the word does not say it."""
+    about: str  # explanation for the public document, without a full stop, if the word does not say it
 
     @classmethod
     def register(
@@ -72,5 +70,4 @@ CLOCK_STEPPED = EventType.register("clock-stepped", "the service followed a step
 CLOCK_OFF = EventType.register("clock-off", "the worker's clock differs from the service's by more than 5 s")
 RESTORED = EventType.register("restored", "the database lacks what happened after the backup that was restored")
 
-JOB_ENDS = frozenset({SUCCEEDED, FAILED, CANCELLED})
-"""Kinds of events that end a job."""
+JOB_ENDS = frozenset({SUCCEEDED, FAILED, CANCELLED})  # kinds of events that end a job

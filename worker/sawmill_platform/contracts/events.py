@@ -20,10 +20,7 @@ class Event(Contract):
     at: Time = Field(examples=["2026-03-02T05:31:04Z"])
     type: EventType = Field(examples=["succeeded"])
     group_id: Identifier | None = Field(
-        None,
-        alias=f"{GROUP}_id",
-        description=f"Id of the {GROUP} that the event concerns. Null: none.",
-        examples=["example"],
+        None, alias=f"{GROUP}_id", description=f"Id of the {GROUP} that the event concerns. Null: none."
     )
     subject: str | None = Field(
         None,
@@ -34,11 +31,8 @@ class Event(Contract):
         None,
         description="Id of the object of the event; for a job, of what the job works on. Null in events of earlier "
         "versions.",
-        examples=["example"],
     )
-    job_id: Identifier | None = Field(
-        None, description="Id of the job that the event concerns. Null: none.", examples=["example"]
-    )
+    job_id: Identifier | None = Field(None, description="Id of the job that the event concerns. Null: none.")
     attempt: int | None = Field(
         None, description="Number of the attempt at the job. Null: the event concerns no attempt.", examples=[1]
     )

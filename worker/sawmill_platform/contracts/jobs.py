@@ -18,7 +18,6 @@ class RegisteredWord(str):  # noqa: SLOT000 - subclasses have attributes
     _words: ClassVar[dict[str, Any]]
 
     def __init_subclass__(cls) -> None:
-        """Begin an empty set."""
         cls._words = {}
 
     @classmethod
@@ -49,7 +48,6 @@ class RegisteredWord(str):  # noqa: SLOT000 - subclasses have attributes
         return self
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
-        """Return the word itself: words are compared by identity."""
         return self
 
     @classmethod
@@ -147,7 +145,7 @@ class Job(Stamped):
 
     kind: JobKind = Field(description="Kind of work.")
     state: JobState = Field(description="State of the job.", examples=["running"])
-    subject_id: Identifier = Field(description="Id of the object that the job works on.", examples=["example"])
+    subject_id: Identifier = Field(description="Id of the object that the job works on.")
     short: bool = Field(
         default=False,
         description="Whether the job takes seconds. Short jobs have a lane of their own, in which none waits for a "
@@ -198,15 +196,12 @@ class Job(Stamped):
         0,
         description="Number of attempts that were lost, as by a worker that was killed; the third loss fails the "
         "job. A clean stop of a worker, a full disk and a database that is away are no loss.",
-        examples=[0],
     )
     worker: str | None = Field(
         None, description="Host and process of the worker that runs the job. Null: none does.", examples=["host:71"]
     )
     cancel_requested: bool = Field(
-        default=False,
-        description="Whether somebody has cancelled the job; a running job ends within seconds.",
-        examples=[False],
+        default=False, description="Whether somebody has cancelled the job; a running job ends within seconds."
     )
     request_id: str | None = Field(
         None,

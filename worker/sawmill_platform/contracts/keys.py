@@ -48,7 +48,6 @@ class KeyRequest(Given):
         default=False,
         description="Whether the key is for a display on the wall: a page that the key has opened stays "
         "open as long as the key is valid. Needs scope `read`.",
-        examples=[False],
     )
 
     @model_validator(mode="after")
@@ -67,15 +66,9 @@ class Key(Stamped):
     expires_at: Time | None = Field(
         description="Time from which the key is refused; null: never.", examples=["2030-01-01T00:00:00Z"]
     )
-    revoked_at: Time | None = Field(
-        description="Time since which the key is refused; null: it is not revoked.", examples=["2026-03-02T05:30:00Z"]
-    )
-    last_used_at: Time | None = Field(
-        description="Time of the last use, to a minute; null: never.", examples=["2026-03-02T05:30:00Z"]
-    )
-    rotated_at: Time | None = Field(
-        description="Time when the secret was last replaced; null: never.", examples=["2026-03-02T05:30:00Z"]
-    )
+    revoked_at: Time | None = Field(description="Time since which the key is refused; null: it is not revoked.")
+    last_used_at: Time | None = Field(description="Time of the last use, to a minute; null: never.")
+    rotated_at: Time | None = Field(description="Time when the secret was last replaced; null: never.")
     created_by: Name = Field(description="Name of the key that made this key.", examples=["admin"])
 
 

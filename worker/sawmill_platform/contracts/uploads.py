@@ -19,12 +19,9 @@ _EXAMPLE_SHA256 = "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b
 class UploadState(StrEnum):
     """State of an upload."""
 
-    RECEIVING = "receiving"
-    """Bytes are missing."""
-    COMPLETE = "complete"
-    """The upload can be used."""
-    USED = "used"
-    """Something was made from the upload."""
+    RECEIVING = "receiving"  # bytes are missing
+    COMPLETE = "complete"  # the upload can be used
+    USED = "used"  # something was made from the upload
 
 
 class UploadRequest(Given):

@@ -106,7 +106,6 @@ class WebhookRequest(Given):
     enabled: bool = Field(
         default=True,
         description="Whether events are sent; false: none until it is enabled, when all events since are sent.",
-        examples=[True],
     )
     after: int | None = Field(
         None,
@@ -145,8 +144,7 @@ class Webhook(Stamped):
     after: int = Field(description="Number of the last event that has been processed.", examples=[42])
     waiting: int = Field(description="Number of events to be sent; 10000: that number or more.", examples=[0])
     waiting_since: Time | None = Field(
-        description="Time of the oldest event to be sent, RFC 3339, UTC. Null: none waits.",
-        examples=["2026-03-02T05:30:00Z"],
+        description="Time of the oldest event to be sent, RFC 3339, UTC. Null: none waits."
     )
     delivered: int = Field(description="Number of events that were delivered.", examples=[120])
     failed: int = Field(description="Number of attempts that failed.", examples=[3])
@@ -154,9 +152,7 @@ class Webhook(Stamped):
     next_attempt_at: Time | None = Field(
         description="Time of the next attempt, RFC 3339, UTC. Null: no attempt has failed.", examples=[None]
     )
-    last_success_at: Time | None = Field(
-        description="Time of the last delivery, RFC 3339, UTC. Null: never.", examples=["2026-03-02T05:30:00Z"]
-    )
+    last_success_at: Time | None = Field(description="Time of the last delivery, RFC 3339, UTC. Null: never.")
     last_failure_at: Time | None = Field(
         description="Time of the last failed attempt, RFC 3339, UTC. Null: never.", examples=[None]
     )
@@ -189,7 +185,6 @@ class WebhookRotation(Given):
         le=30 * 86400,
         description="Seconds for which messages are signed with the old secret too, so that the receiver can be "
         "given the new one.",
-        examples=[86400],
     )
 
 
@@ -216,8 +211,8 @@ class Delivery(Contract):
         examples=["delivered"],
     )
     attempts: int = Field(description="Number of attempts.", examples=[1])
-    first_at: Time = Field(description="Time of the first attempt, RFC 3339, UTC.", examples=["2026-03-02T05:30:00Z"])
-    last_at: Time = Field(description="Time of the last attempt, RFC 3339, UTC.", examples=["2026-03-02T05:30:00Z"])
+    first_at: Time = Field(description="Time of the first attempt, RFC 3339, UTC.")
+    last_at: Time = Field(description="Time of the last attempt, RFC 3339, UTC.")
     status: int | None = Field(description="HTTP status of the last answer. Null: there was no answer.", examples=[200])
     reason: str | None = Field(
         description="Reason why the last attempt failed. Null: it did not fail.", examples=[None]
@@ -231,7 +226,7 @@ class WebhookTest(Contract):
     message_id: str = Field(
         description="Header `webhook-id` of the message.", examples=["msg_0f8b4c6d0d8a4b0e9d0c5b8f3f1e2a77"]
     )
-    webhook_id: Identifier = Field(description="Id of the webhook.", examples=["example"])
+    webhook_id: Identifier = Field(description="Id of the webhook.")
     status: int | None = Field(description="HTTP status of the answer. Null: there was no answer.", examples=[200])
     reason: str | None = Field(
         description="Reason why the message was not delivered. Null: it was delivered.", examples=[None]

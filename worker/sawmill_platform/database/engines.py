@@ -9,7 +9,6 @@ from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from sqlalchemy import URL, Connection, Engine, create_engine, event, make_url
 from sqlalchemy.exc import ArgumentError, DBAPIError, InterfaceError, OperationalError
@@ -48,7 +47,16 @@ def make_engine(url: str, password_file: Path | None = None) -> Engine:
     # A statement's values, which include other people's data, are kept out of error messages, and so out of logs.
     options = {"pool_size": _KEPT_CONNECTIONS, "pool_timeout": _POOL_WAIT_S, "hide_parameters": True}
     if parsed.drivername in _POSTGRESQL:
-        return _on_postgresql(parsed.set(drivername="postgresql+psycopg"), options)
+        try:
+            from sawmill_platform.database.postgresql import make_patient  # noqa: PLC0415 - the driver is an extra
+        except ImportError as error:
+            raise StorageMisconfigured(
+                f"PostgreSQL needs its driver ({error}): pip install 'sawmill-calibration[postgresql]'"
+            ) from error
+        driven = parsed.set(drivername="postgresql+psycopg")
+        engine = create_engine(driven, max_overflow=_MOST_CONNECTIONS - _KEPT_CONNECTIONS, **options)
+        make_patient(engine)
+        return engine
     # Without a limit on connections, the pool has at most one for each of the process's threads.
     engine = create_engine(parsed, max_overflow=-1, **options)
     event.listen(engine, "connect", _configure_sqlite)
@@ -66,18 +74,6 @@ def _parsed(url: str) -> URL:
             f"SAWMILL_DATABASE_URL must begin with sqlite: or postgresql:, not {parsed.drivername!r}; give {_FORMS}"
         )
     return parsed
-
-
-def _on_postgresql(url: URL, options: dict[str, Any]) -> Engine:
-    try:
-        from sawmill_platform.database.postgresql import make_patient  # noqa: PLC0415 - the driver is an extra
-    except ImportError as error:
-        raise StorageMisconfigured(
-            f"PostgreSQL needs its driver ({error}): pip install 'sawmill-calibration[postgresql]'"
-        ) from error
-    engine = create_engine(url, max_overflow=_MOST_CONNECTIONS - _KEPT_CONNECTIONS, **options)
-    make_patient(engine)
-    return engine
 
 
 def _configure_sqlite(connection: sqlite3.Connection, _: object) -> None:

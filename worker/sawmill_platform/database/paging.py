@@ -16,8 +16,7 @@ from sawmill_platform.errors import Conflict, Invalid, NotFound
 
 Row = TypeVar("Row", bound=Resource)
 Item = TypeVar("Item", bound=Contract)
-Check = Callable[[Item], None]
-"""Raises an exception for a stored resource that is not to be replaced."""
+Check = Callable[[Item], None]  # raises an exception for a stored resource that is not to be replaced
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _MICROSECOND = timedelta(microseconds=1)

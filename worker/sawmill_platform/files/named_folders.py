@@ -28,8 +28,7 @@ from sawmill_platform.database.tables import Base, JobRow, UploadRow
 from sawmill_platform.files import file_store
 from sawmill_platform.files.file_store import FileStore
 
-Ids = Select[str]
-"""Statement that selects ids, to which a condition may be added."""
+Ids = Select[str]  # statement that selects ids, to which a condition may be added
 
 
 @dataclass(frozen=True)
@@ -46,11 +45,11 @@ def unused_uploads() -> Ids:
     return select(UploadRow.id).where(UploadRow.state != UploadState.USED)
 
 
+# Folders of checkpoints and unfinished uploads.
 OF_THE_SERVICE = (
     NamedFolder("kept", lambda _: select(JobRow.id).where(JobRow.state.in_(UNFINISHED))),
     NamedFolder(file_store.UNFINISHED, lambda _: unused_uploads()),
 )
-"""Folders of checkpoints and unfinished uploads."""
 
 
 class Named(NamedTuple):

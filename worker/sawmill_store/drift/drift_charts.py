@@ -165,8 +165,9 @@ def _write_portion(session: Session, chart: DriftChartRow | None, portion: _Port
         late = MeasurementRow.activation_number == portion.activation_number, MeasurementRow.method == portion.method
         session.execute(update(MeasurementRow).where(*late).values(awaits_chart=None))
     elif followed is None:
+        waiting = _looks(portion.activation_number, portion.method).where(MeasurementRow.awaits_chart.is_not(None))
         # In PostgreSQL each statement sees its own moment: a portion without checks may already be in the chart.
-        if chart is not None and (portion.looks or _is_waiting(session, portion)):
+        if chart is not None and (portion.looks or session.scalar(select(waiting.exists()))):
             chart.state, chart.looks = {}, 0
     else:
         if chart is not None and chart.activation_number < portion.activation_number:
@@ -190,12 +191,6 @@ def _write_portion(session: Session, chart: DriftChartRow | None, portion: _Port
         if followed.alarm is not None and chart.alarm is None:
             finding, found_at = followed.alarm
             chart.alarm = {"at": found_at.isoformat(), "finding": finding.model_dump(mode="json")}
-
-
-def _is_waiting(session: Session, portion: _Portion) -> bool:
-    """Return whether a drift check still waits for the chart of a portion."""
-    waiting = _looks(portion.activation_number, portion.method).where(MeasurementRow.awaits_chart.is_not(None))
-    return session.scalar(select(waiting.exists())) is True
 
 
 def _pooled(number: int, mean: DetectorEstimate, looks: int) -> dict[str, Any]:

@@ -36,8 +36,8 @@ Found = TypeVar("Found", str, int)
 _UNFINISHED = JobRow.state.in_(UNFINISHED)
 
 
+# What keeps rows, as of a transaction: conditions that are true for the rows that stay, and never unknown (NULL).
 Protections = Callable[[Session], Iterable[ColumnElement[bool]]]
-"""What keeps rows, as of a transaction: conditions that are true for the rows that stay, and never unknown (NULL)."""
 
 
 @dataclass(frozen=True)
@@ -178,6 +178,7 @@ def _rows(job: JobKind, table: type[Any], protections: Protections | None = None
 
 _SCANS = _rows(kinds.INGEST, ScanRow, _of_scans)
 _INSPECTED = exists().where(JobRow.id == AskedRow.job_id, JobRow.kind == kinds.INSPECT)
+# What may be removed of each kind; rows of other kinds always stay.
 REMOVABLE_ROWS: dict[RetentionKind, RemovableRows] = {
     RetentionKind.LOG_SCANS: replace(_SCANS, which=(ScanRow.phantom_id.is_(None),)),
     # Alarms need the jobs.
@@ -188,7 +189,6 @@ REMOVABLE_ROWS: dict[RetentionKind, RemovableRows] = {
     RetentionKind.INSPECTIONS: replace(_rows(kinds.INSPECT, AskedRow), which=(_INSPECTED,)),
     RetentionKind.EVENTS: RemovableRows(EventRow, _of_events, which=(text(REMOVABLE),), batch=2000),
 }
-"""What may be removed of each kind; rows of other kinds always stay."""
 
 
 def lock(session: Session, rows: RemovableRows, keys: Sequence[Any]) -> None:

@@ -214,15 +214,12 @@ class RetentionKeeper:
             if not going:
                 return None, len(chosen) == rows.batch
             delete_rows(session, rows, list(going))
-            self._note(session, row, Removal(kind, len(going)), sorted(going.values()))
+            row.removed = {**row.removed, kind: row.removed.get(kind, 0) + len(going)}
+            first_at, last_at = min(going.values()).isoformat(), max(going.values()).isoformat()
+            detail = {"number": len(going), "first_at": first_at, "last_at": last_at}
+            announce(session, self._database.now(), event_kinds.RETENTION_REMOVED, SUBJECT, kind, detail=detail)
         self._delete_files(rows, list(going))
         return Removal(kind, len(going)), len(chosen) == rows.batch
-
-    def _note(self, session: Session, row: RetentionRow, removed: Removal, ages: Sequence[datetime]) -> None:
-        """Count and announce removed rows, in the transaction that removes the rows."""
-        row.removed = {**row.removed, removed.kind: row.removed.get(removed.kind, 0) + removed.number}
-        detail = {"number": removed.number, "first_at": ages[0].isoformat(), "last_at": ages[-1].isoformat()}
-        announce(session, self._database.now(), event_kinds.RETENTION_REMOVED, SUBJECT, removed.kind, detail=detail)
 
     def _delete_files(self, rows: RemovableRows, keys: Sequence[Any]) -> None:
         if rows.job is None:

@@ -188,13 +188,8 @@ def _check_apart(session: Session, scanner_id: str, watched: WatchedFolder | Non
 
 def _watched_folders(session: Session) -> dict[str, WatchedFolder]:
     rows = session.execute(select(ScannerRow.id, ScannerRow.spec))
-    return {scanner_id: watched for scanner_id, spec in rows if (watched := _watched(spec)) is not None}
-
-
-def _watched(spec: Json) -> WatchedFolder | None:
-    """Read the watched folder of a stored description, which an earlier version may have written."""
-    stored = spec.get("watched_folder")
-    return None if stored is None else WatchedFolder.model_validate(stored)
+    stored = {scanner_id: spec.get("watched_folder") for scanner_id, spec in rows}  # an earlier version wrote none
+    return {scanner_id: WatchedFolder.model_validate(folder) for scanner_id, folder in stored.items() if folder}
 
 
 def _announce(

@@ -146,7 +146,14 @@ class Schedules:
             Nothing can be written; the schedules stay due.
         """
         now = self._database.now()
-        self._set_back(now)
+        # Due times are computed again at the first check and after the clock was set back, so that none is skipped.
+        if self._looked_at is None or now < self._looked_at:
+            ahead = select(ScheduleRow).where(ScheduleRow.enabled, ScheduleRow.next_due_at > now)
+            with self._database.write() as session:
+                for row in session.scalars(ahead).all():
+                    with suppress(Invalid):  # which is announced when it is due
+                        _moved_on(session, row, now)
+        self._looked_at = now
         due = select(ScheduleRow.id).where(ScheduleRow.enabled, ScheduleRow.next_due_at <= now)
         with self._database.read() as session:
             identifiers = session.scalars(due).all()
@@ -161,16 +168,6 @@ class Schedules:
                     structlog.get_logger().exception("schedule-not-run", schedule_id=schedule_id)
                     self._miss(schedule_id, now, _in_words(error))
         return [run for run in runs if run is not None]
-
-    def _set_back(self, now: datetime) -> None:
-        """Compute due times again at the first check and after the clock was set back, so that none is skipped."""
-        if self._looked_at is None or now < self._looked_at:
-            ahead = select(ScheduleRow).where(ScheduleRow.enabled, ScheduleRow.next_due_at > now)
-            with self._database.write() as session:
-                for row in session.scalars(ahead).all():
-                    with suppress(Invalid):  # which is announced when it is due
-                        _moved_on(session, row, now)
-        self._looked_at = now
 
     def _run(self, schedule_id: str, now: datetime) -> ScheduleRun | None:
         with self._database.write() as session:

@@ -151,7 +151,7 @@ def _read_apart(path: Path) -> None:
         raise DamagedResult(path.name, str(error)) from error
 
 
+# Rows and files of a mill that jobs work on.
 MILL_SUBJECTS = Subjects(
     NAMED_FOLDERS, handed_over, _record_success, _record_end_without_result, output_file, _read_apart
 )
-"""Rows and files of a mill that jobs work on."""

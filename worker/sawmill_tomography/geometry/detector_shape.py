@@ -183,7 +183,11 @@ class FlatDetector:
         before = np.clip(np.searchsorted(seen, wanted, side="right") - 1, 0, count - 2)
         cells = np.clip(before - 1, 0, count - 4) + np.arange(4)[:, None]
         module = np.searchsorted([one.first_cell for one in scanner.detector_modules], np.arange(count), side="right")
-        weights = _through(seen[cells], np.clip(wanted, seen[0], seen[-1]))
+        nodes, at = seen[cells], np.clip(wanted, seen[0], seen[-1])
+        # Of values at the nodes, in the polynomial through them.
+        weights = np.ones_like(nodes)
+        for one, other in permutations(range(len(nodes)), 2):
+            weights[one] *= (at - nodes[other]) / (nodes[one] - nodes[other])
         return cls(cells, weights, module[before] != module[before + 1])
 
     def resampled(self, lines: Lines) -> Lines:
@@ -193,11 +197,3 @@ class FlatDetector:
         for cells, weight in zip(self.cells[1:], weights[1:], strict=True):
             flat += lines[..., cells] * weight
         return flat
-
-
-def _through(nodes: FloatArray, at: FloatArray) -> FloatArray:
-    """Return the weights (nodes, points) of values at nodes (nodes, points) in the polynomial through them."""
-    weights = np.ones_like(nodes)
-    for one, other in permutations(range(len(nodes)), 2):
-        weights[one] *= (at - nodes[other]) / (nodes[one] - nodes[other])
-    return weights

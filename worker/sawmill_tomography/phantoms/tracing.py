@@ -75,7 +75,10 @@ def trace(
     shapes = [_shape((outline - centre) * pixel, pixel, 1.0 if _area(outline) < 0.0 else -1.0) for outline in outlines]
     if not any(shape.density > 0.0 for shape in shapes):
         raise PhantomError("the picture shows holes only: the phantom must be brighter than its surroundings")
-    return Phantom(name, tuple(shapes), max(size_tolerance, _pixel_tolerance(shapes, pixel)), pixel / math.sqrt(2.0))
+    # Two sides, each somewhere in its pixel, leave pixel / sqrt(6) of the size open.
+    extent = float(np.ptp(np.concatenate(Phantom("outlines", tuple(shapes)).outlines()), axis=0).mean())
+    tolerance = max(size_tolerance, pixel / math.sqrt(6.0) / extent)
+    return Phantom(name, tuple(shapes), tolerance, pixel / math.sqrt(2.0))
 
 
 def _bright_part(
@@ -105,12 +108,6 @@ def _check_edges(picture: NDArray[np.floating], level: float) -> None:
             f"the picture has edges along {edges} pixel sides; at most {MOST_EDGES} are traced: give a clean drawing, "
             "without texture or noise"
         )
-
-
-def _pixel_tolerance(shapes: list[Shape], pixel: float) -> float:
-    """Return the size's relative uncertainty: two sides, each somewhere in its pixel, leave pixel / sqrt(6)."""
-    extent = float(np.ptp(np.concatenate(Phantom("outlines", tuple(shapes)).outlines()), axis=0).mean())
-    return pixel / math.sqrt(6.0) / extent
 
 
 def _area(outline: FloatArray) -> float:

@@ -51,7 +51,8 @@ def point_inside(wood: Phantom, rng: np.random.Generator) -> tuple[float, float]
     around = MARGIN_MM * np.stack([np.cos(TAU * np.arange(8) / 8), np.sin(TAU * np.arange(8) / 8)], -1)
     for _ in range(DRAWS):
         point = rng.uniform(-wood.radius_mm, wood.radius_mm, 2)
-        if all(_density_at(wood, x, y) > 0.0 for x, y in (point, *(point + around))):
+        places = (point, *(point + around))
+        if all(sum(shape.density for shape in wood.shapes if _holds(shape, x, y)) > 0.0 for x, y in places):
             return float(point[0]), float(point[1])
     raise PhantomError(
         f"the phantom {wood.name!r} has no place for a knot or a screw with {MARGIN_MM:g} mm of wood around it"
@@ -139,10 +140,6 @@ def _rings(wood: Phantom, effects: WoodEffects, rng: np.random.Generator) -> lis
     radii = np.arange(spacing, distance + wood.radius_mm + spacing, spacing).tolist()
     outer = [(x, y, radius, effects.ring_contrast) for radius in radii]
     return outer + [(x, y, radius - LATE_WOOD * spacing, -effects.ring_contrast) for radius in radii]
-
-
-def _density_at(wood: Phantom, x: float, y: float) -> float:
-    return sum(shape.density for shape in wood.shapes if _holds(shape, x, y))
 
 
 def _holds(shape: Shape, x: float, y: float) -> bool:

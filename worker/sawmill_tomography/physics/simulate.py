@@ -40,17 +40,14 @@ def signal(transmission: FloatArray, pitch_mm: float, effects: Physics, tube: Fl
     if detector.lag_share:
         kept = detector.lag_share
         received = scipy.signal.lfilter([1.0 - kept], [1.0, -kept], received, axis=0, zi=kept * received[:1])[0]
-    return np.asarray(received * _gain_change(detector, transmission.shape[1]))
+    # Since the flat fields the cells' gain has changed by a line and a parabola across the detector.
+    place = np.linspace(-1.0, 1.0, transmission.shape[1])
+    gain = 1.0 + 0.5 * detector.slope_share * place + detector.curvature_share * (1.0 / 3.0 - place**2)
+    return np.asarray(received * gain)
 
 
 def _halo(values: FloatArray, width: float) -> FloatArray:
     return np.asarray(scipy.ndimage.gaussian_filter1d(values, width, axis=1, mode="nearest"))
-
-
-def _gain_change(detector: DetectorEffects, cells: int) -> FloatArray:
-    """Return the cells' gain change since the flat fields, (cells,): a line and a parabola across the detector."""
-    place = np.linspace(-1.0, 1.0, cells)
-    return np.asarray(1.0 + 0.5 * detector.slope_share * place + detector.curvature_share * (1.0 / 3.0 - place**2))
 
 
 def tube_output(views: int, effects: Physics, rng: np.random.Generator) -> FloatArray:
@@ -162,7 +159,8 @@ def simulate_physics(
     body = stand(phantom, effects.wood, _stream(seed, _WOOD))
     motion = move(angles_rad, effects.motion, _stream(seed, _MOTION))
     tube = tube_output(angles_rad.size, effects, _stream(seed, _TUBE))
-    passed = transmission(body, scanner, frame, motion, effects, _step(angles_rad))
+    step_rad = float(np.median(np.abs(np.diff(angles_rad)))) if angles_rad.size > 1 else 0.0
+    passed = transmission(body, scanner, frame, motion, effects, step_rad)
     received = signal(passed, scanner.detector_pitch_mm, effects, tube)
     exposed = converter.expose(collected * received, noise)
     flats, darks = (converter.expose(np.full((fields, cells), level), noise) for level in (collected, 0.0))
@@ -172,11 +170,6 @@ def simulate_physics(
 
 def _stream(seed: int, *which: int) -> np.random.Generator:
     return np.random.default_rng((seed, *which))
-
-
-def _step(angles_rad: FloatArray) -> float:
-    """Return the angle between neighbouring views, rad."""
-    return float(np.median(np.abs(np.diff(angles_rad)))) if angles_rad.size > 1 else 0.0
 
 
 # Number of rays of a cell that only averages, and of a cell with blur, a focal spot or an exposure too.

@@ -98,7 +98,9 @@ def _features(view: int, image: Stack) -> _Features:
     if cells < FEWEST_CELLS:
         raise RowsError(f"view {view} has {cells} detector cells; features need at least {FEWEST_CELLS}")
     shown = image[rows]
-    ends = np.flatnonzero(_jumps(shown))
+    # A body ends where a row jumps to the next one, apart from their gain.
+    steps = np.diff(shown, axis=0).std(axis=1, dtype=np.float64)
+    ends = np.flatnonzero(jumps_between(np.append(0.0, np.cumsum(steps))))
     # A new one for each view, as it adapts to the size of its first image.
     sift: Any = SIFT(upsampling=1, sigma_min=SMALLEST, sigma_in=SMOOTHING, c_dog=CONTRAST)
     try:
@@ -117,11 +119,6 @@ def _grey(image: Stack, ends: NDArray[np.intp]) -> Stack:
     varying = scipy.ndimage.gaussian_filter(image - np.median(image[body], axis=0), SMOOTHING)
     low, high = np.quantile(varying[body], [0.001, 0.999])
     return np.asarray(np.clip((varying - low) / max(high - low, 1e-30), 0.0, 1.0), np.float32)
-
-
-def _jumps(image: Stack) -> Rows:
-    """Select the rows of an image (rows, cells) that jump to the next one, apart from their gain: a body ends."""
-    return jumps_between(np.append(0.0, np.cumsum(np.diff(image, axis=0).std(axis=1, dtype=np.float64))))
 
 
 def _neighbours(angles_rad: FloatArray) -> list[tuple[int, int]]:

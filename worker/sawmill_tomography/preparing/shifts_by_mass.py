@@ -89,7 +89,9 @@ def shifts_by_mass(moments: RowMoments, angles_rad: FloatArray) -> row_shifts.Ro
         step = np.clip(fit.step - np.median(fit.step), -1.0, 1.0)
         shifts = shifts + step
         depth = _depth(first, present, shifts, angles_rad)
-        weight += _share_of(depth, fit, present, shifts, reference)
+        # The share of the depth in the residual, after the fit's own terms are projected out of both.
+        free = _fit(depth, present, shifts, reference).residual
+        weight += float((fit.residual * free).sum() / max((free**2).sum(), np.finfo(np.float64).tiny))
         values = mass - weight * depth
         reference = _common(values, present, fit, shifts)
         fit = _fit(values, present, shifts, reference)
@@ -120,12 +122,6 @@ def _depth(first: FloatArray, present: Rows, shifts: FloatArray, angles_rad: Flo
     normal[scarce], right[scarce] = np.eye(3), 0.0
     _, along_cosine, along_sine = np.linalg.solve(normal, right[..., None])[..., 0].T
     return np.where(present, along_sine[place] * cosine[:, None] - along_cosine[place] * sine[:, None], 0.0)
-
-
-def _share_of(depth: FloatArray, fit: "_ProfileFit", present: Rows, shifts: FloatArray, reference: "_Profile") -> float:
-    """Return the coefficient of `depth` in a fit's residual, after the fit's own terms are projected out of both."""
-    free = _fit(depth, present, shifts, reference).residual
-    return float((fit.residual * free).sum() / max((free**2).sum(), np.finfo(np.float64).tiny))
 
 
 @dataclass(frozen=True, eq=False)

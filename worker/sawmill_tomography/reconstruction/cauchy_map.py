@@ -330,13 +330,4 @@ class CauchyMap(FittedMethod):
         self, projector: Projector, lines: Image, *, noise: FloatArray, on_progress: OnProgress
     ) -> Estimate:
         """Reconstruct a block."""
-        return cauchy_map(
-            projector,
-            lines,
-            sigma=self.sigma,
-            beta=self.beta,
-            noise=noise,
-            preset=self.preset,
-            non_negative=self.non_negative,
-            on_progress=on_progress,
-        )
+        return cauchy_map(projector, lines, **vars(self), noise=noise, on_progress=on_progress)

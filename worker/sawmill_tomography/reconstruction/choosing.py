@@ -83,12 +83,6 @@ class _Candidate:
     seconds: float
 
 
-def noise_share(sinogram: ArrayLike) -> float:
-    """Estimate the noise of a sinogram (views, detector) as a share of the root mean square."""
-    data = np.ascontiguousarray(sinogram, np.float32)
-    return estimated_noise(data) / max(float(np.sqrt(np.mean(np.square(data, dtype=np.float64)))), 1e-30)
-
-
 def expected_error(method: ReconstructionMethod, views: int, noise: float) -> float:
     """Return a method's relative error by `EXPECTED_ERRORS`, interpolated in logarithms up to the table's border."""
     rows = np.log(EXPECTED_ERRORS[method])
@@ -134,7 +128,8 @@ def recommend(
     fitted_size : int
         Side of a square with the number of pixels that fitted methods need to hold all of the log.
     """
-    share = noise_share(sinogram)
+    data = np.ascontiguousarray(sinogram, np.float32)
+    share = estimated_noise(data) / max(float(np.sqrt(np.mean(np.square(data, dtype=np.float64)))), 1e-30)
     candidates = list(_candidates(geometry, share, grid, fitted_size))
     direct = next((one for one in candidates if one.method is ReconstructionMethod.FBP), None)
     if prefer is Preference.SPEED and direct is not None and direct.views >= SPEED_VIEWS:

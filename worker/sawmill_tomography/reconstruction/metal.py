@@ -66,10 +66,6 @@ class Shadows:
         """True where the excess is more than `least`, (views, cells)."""
         return self.excess > self.least
 
-    def by_departures(self, departures: Image) -> "Shadows":
-        """Return the shadows, of any width, with the departures (views, cells) from the line integrals of the wood."""
-        return replace(self, excess=np.maximum(smoothed(departures), 0.0))
-
 
 @dataclass(frozen=True)
 class MetalFinder:
@@ -229,7 +225,7 @@ class MetalSearch(MetalFinder):
         for number in range(1, ROUNDS[1] + 1):
             image = image_of_other_rays(self.coarse, lines[:: self.step], uncertainty[:: self.step])
             wood = self.fine.forward(np.minimum(image, np.float32(MOST_WOOD * shadows.wood_per_mm)))
-            shadows = shadows.by_departures(sinogram - wood)
+            shadows = replace(shadows, excess=np.maximum(smoothed(sinogram - wood), 0.0))
             excess = self.bodies([replace(shadows, excess=shadows.excess[:: self.step])], excess)[0]
             trace = self.traced(shadows, excess)
             if not trace[:: self.step].any():
@@ -278,7 +274,10 @@ def _narrow(geometry: FanViews, sinogram: Image, longest_mm: float = LONGEST_MM)
         # A small body is itself no wider than that: a shadow has at most half its width.
         half_mm = 0.5 * _width_mm(wide - wide.min(axis=1, keepdims=True), cell_mm)
         wide = _opened(smooth, max(min(longest_mm, half_mm), NARROW_MM) / cell_mm)
-    wood = _wood_per_mm(wide - wide.min(axis=1, keepdims=True), cell_mm)
+    lines = wide - wide.min(axis=1, keepdims=True)
+    # The mean of a round log: over a disc's diameter D line integrals sum up to pi / 4 mu D^2.
+    sums = float(np.median(lines.sum(axis=1))) * cell_mm
+    wood = 4.0 / math.pi * sums / max(_width_mm(lines, cell_mm), cell_mm) ** 2
     return Shadows(smooth - wide, max(LEAST_WOOD_MM * wood, LEAST_NOISE * estimated_noise(sinogram)), wood)
 
 
@@ -290,11 +289,6 @@ def _opened(lines: Image, cells: float) -> Image:
 def _width_mm(lines: Image, cell_mm: float) -> float:
     """Return the width of the log in the median view."""
     return float(np.median((lines > 0.1 * np.median(lines.max(axis=1))).sum(axis=1))) * cell_mm
-
-
-def _wood_per_mm(lines: Image, cell_mm: float) -> float:
-    """Return the mean attenuation of a round log: over a disc's diameter D line integrals sum up to pi / 4 mu D^2."""
-    return 4.0 / math.pi * float(np.median(lines.sum(axis=1))) * cell_mm / max(_width_mm(lines, cell_mm), cell_mm) ** 2
 
 
 # Measured with benchmarks/production_logs.py and benchmarks/log_metal.py.

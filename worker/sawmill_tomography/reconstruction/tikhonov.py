@@ -176,8 +176,11 @@ def _choose(problem: "_Projected", request: _Request, rays: int, probe: "_Projec
         by_gcv = float(curve.weights[np.argmin(curve.gcv)])
         if request.rule is AlphaRule.GCV:
             return by_gcv
+        # The residual grows with the weight, and reaches the noise at this one or beyond an end of the range.
+        level = request.noise * math.sqrt(rays)
+        by_discrepancy = float(np.exp(np.interp(level, curve.residual_norms, np.log(curve.weights))))
         # A wrong geometry is not noise: a weight small enough to explain it would ruin the image and hide it.
-        return max(_by_discrepancy(curve, request.noise * math.sqrt(rays)), by_gcv)
+        return max(by_discrepancy, by_gcv)
     return _by_l_curve(curve, float(problem.singular[-1] ** 2))
 
 
@@ -297,11 +300,6 @@ class _Projected:
         residual = np.sqrt(((weights[:, None] / damped * self.seen) ** 2).sum(axis=1) + self.unseen)
         gcv = None if probe is None else (residual / (rays - probe.trace(weights))) ** 2
         return WeightCurve(weights, residual, np.sqrt(((s / damped * self.seen) ** 2).sum(axis=1)), gcv)
-
-
-def _by_discrepancy(curve: WeightCurve, level: float) -> float:
-    """Return the weight at which the residual, which grows with it, reaches the noise; else an end of the range."""
-    return float(np.exp(np.interp(level, curve.residual_norms, np.log(curve.weights))))
 
 
 def _by_l_curve(curve: WeightCurve, least: float) -> float:

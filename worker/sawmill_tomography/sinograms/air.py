@@ -99,17 +99,13 @@ def _run(end: Sinogram, span: float) -> tuple[int, float]:
     departure = end - np.median(end[:, :OUTERMOST], axis=1, keepdims=True)
     unequal = median_of_views(departure)
     departure -= unequal
-    noise = _noise(departure[:, : 4 * OUTERMOST])
+    # Second differences along the detector contain neither drift nor a smooth object.
+    noise = noise_of_differences(np.diff(departure[:, : 4 * OUTERMOST], 2, axis=1), 2)
     threshold = max(DEVIATIONS * noise * math.sqrt(1.0 / SMOOTHED + 1.57 / OUTERMOST), EDGE_SHARE * span)
     moved = np.abs(scipy.ndimage.uniform_filter1d(departure, SMOOTHED, axis=1, mode="nearest")).max(axis=0)
     object_here = (moved > threshold) | (np.abs(unequal) > UNEQUAL_SHARE * span + 3.0 * noise)
     first = int(np.argmax(object_here)) if object_here.any() else object_here.size + MARGIN
     return max(first - MARGIN, 0) if first - MARGIN >= OUTERMOST else 0, noise
-
-
-def _noise(departure: Sinogram) -> float:
-    """Estimate noise from second differences along the detector, which contain neither drift nor a smooth object."""
-    return noise_of_differences(departure[:, :-2] - 2.0 * departure[:, 1:-1] + departure[:, 2:], 2)
 
 
 Cells = NDArray[np.bool_]

@@ -56,15 +56,14 @@ class Screening:
 def screen(sinogram: FloatArray, *, cells: bool = True, views: bool = True) -> Screening:
     """Check the cells, the views, or both, of a sinogram (views, detector) before the sinogram is used."""
     kept_views = usable_views(sinogram) if views else np.ones(len(sinogram), bool)
-    usable_cells = ~_faulty_cells(sinogram[kept_views]) if cells else np.ones(sinogram.shape[1], bool)
+    usable_cells = np.ones(sinogram.shape[1], bool)
+    if cells:
+        median = np.median(np.ascontiguousarray(sinogram[kept_views].T), axis=1)
+        # A phantom has no structure of single cells, and loses little with a sound cell next to a hot cell.
+        usable_cells = ~faulty_cells(sinogram[kept_views], median, recheck=False, most_faulty=1.0)
     if usable_cells.sum() < 8:
         usable_cells[:] = True
     return Screening(usable_cells, kept_views)
-
-
-def _faulty_cells(sinogram: FloatArray) -> NDArray[np.bool_]:
-    # A phantom has no structure of single cells, and loses little with a sound cell next to a hot cell.
-    return faulty_cells(sinogram, np.median(np.ascontiguousarray(sinogram.T), axis=1), recheck=False, most_faulty=1.0)
 
 
 # A view is corrupt when this share of its samples is outside the range of the median view, or when its own range is

@@ -107,10 +107,7 @@ def _side(volume: Path, result: ReconstructionResult, name: str) -> bytes:
     from sawmill_calibration.pictures.log_pictures import side_view_png
     from sawmill_formats.output.volume_reader import side_view
 
-    view = side_view(volume, result.shape, "x")
-    return side_view_png(
-        view.data, across_mm=view.across_mm, across=view.across, along_mm=view.along_mm, unit=view.unit, title=name
-    )
+    return side_view_png(side_view(volume, result.shape, "x"), title=name)
 
 
 def _curve(volume: Path, _: ReconstructionResult, __: str) -> bytes:

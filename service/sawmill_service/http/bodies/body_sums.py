@@ -157,6 +157,7 @@ def _header(name: str, description: str, schema: dict[str, Any], *, required: bo
     return {"name": name, "in": "header", "description": description, "required": required, "schema": schema}
 
 
+# Headers as the OpenAPI document describes them. A wrong one is answered with 400, unlike a field of a form.
 HEADERS = [
     _header(
         "Upload-Offset",
@@ -175,7 +176,6 @@ HEADERS = [
         _BYTES | {"examples": [1048576]},
     ),
 ]
-"""Headers as the OpenAPI document describes them. A wrong one is answered with 400, unlike a field of a form."""
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from sawmill_service.http.bodies.body_sums import BodySums, all_lines
+from sawmill_service.http.middleware import Middleware
 from sawmill_service.http.problems import Refused
 
 BYTES = "application/octet-stream"
@@ -140,7 +141,12 @@ class Gunzip:
             part = self._member.unused_data if self._member.eof else self._member.unconsumed_tail
             if self._member.eof:
                 self._member = None
-                self._count_member()
+                self._members += 1
+                if self._members > _FREE_MEMBERS + self._taken // _LEAST_MEMBER_BYTES:
+                    detail = (
+                        f"the body is packed in {self._members} members, each of less than {_LEAST_MEMBER_BYTES} bytes"
+                    )
+                    raise Refused(400, "bad-encoding", f"{detail}: pack the file at once")
 
     def end(self) -> None:
         """Refuse a body that breaks off, and an empty file."""
@@ -148,12 +154,6 @@ class Gunzip:
             raise Refused(400, "bad-encoding", "the body ends in the middle of what gzip packed: send it again")
         if not self._given:
             raise empty_body()
-
-    def _count_member(self) -> None:
-        self._members += 1
-        if self._members > _FREE_MEMBERS + self._taken // _LEAST_MEMBER_BYTES:
-            detail = f"the body is packed in {self._members} members, each of less than {_LEAST_MEMBER_BYTES} bytes"
-            raise Refused(400, "bad-encoding", f"{detail}: pack the file at once")
 
 
 def empty_body() -> Refused:
@@ -166,7 +166,7 @@ def has_body(headers: Headers) -> bool:
     return headers.get("content-length", "0") != "0" or "transfer-encoding" in headers
 
 
-class UnreadBodies:
+class UnreadBodies(Middleware):
     """Middleware that discards the rest of a body after the answer, within bounds, and ends the connection.
 
     A client that sends its whole body before it reads gets the answer. After an answer that ends the connection itself,
@@ -174,12 +174,11 @@ class UnreadBodies:
     """
 
     def __init__(self, app: ASGIApp, *, most_bytes: int = 2**26, longest_s: float = 30.0) -> None:
-        self.app = app
+        super().__init__(app)
         self.most_bytes, self.longest_s = most_bytes, longest_s
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer one request."""
-        if scope["type"] != "http" or not has_body(Headers(scope=scope)):
+    async def _answer(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if not has_body(Headers(scope=scope)):
             await self.app(scope, receive, send)
             return
         came_whole = unread = answered = False
@@ -210,19 +209,18 @@ class UnreadBodies:
             await send({"type": "http.response.body", "body": b""})
 
 
-class SlowBodies:
+class SlowBodies(Middleware):
     """Middleware that refuses a body that stops, or arrives at less than the least mean rate.
 
     Only the time in which the service waited for the body counts: writing to a slow disk is not the client's fault.
     """
 
     def __init__(self, app: ASGIApp, *, silence_s: float, grace_s: float, least_bytes_per_s: float) -> None:
-        self.app = app
+        super().__init__(app)
         self.silence_s, self.grace_s, self.least_bytes_per_s = silence_s, grace_s, least_bytes_per_s
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer one request."""
-        await self.app(scope, self._in_time(receive) if scope["type"] == "http" else receive, send)
+    async def _answer(self, scope: Scope, receive: Receive, send: Send) -> None:
+        await self.app(scope, self._in_time(receive), send)
 
     def _in_time(self, receive: Receive) -> Receive:
         waited_s, received, complete = 0.0, 0, False

@@ -65,7 +65,12 @@ def list_refusals(method: str, rule: Rule, operation: dict[str, Any]) -> None:
     responses = operation["responses"]
     own = {code for response in responses.values() for code in response.pop(CODES_KEY, ())}
     for status, codes in sorted(_by_status({*own, *_by_shape(method, rule, operation)}).items()):
-        responses[str(status)] = responses.get(str(status), {}) | _refusal(status, codes)
+        listed = sorted(codes)
+        responses[str(status)] = responses.get(str(status), {}) | {
+            "description": f"{HTTPStatus(status).phrase}: {', '.join(f'`{code}`' for code in listed)}.",
+            CODES_KEY: listed,
+            "content": {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}},
+        }
 
 
 def _by_shape(method: str, rule: Rule, operation: dict[str, Any]) -> Iterable[str]:
@@ -86,15 +91,6 @@ def _by_status(codes: Iterable[str]) -> dict[int, set[str]]:
             raise KeyError(f"{code} is a failure of jobs, and no answer's")
         by_status.setdefault(status, set()).add(code)
     return by_status
-
-
-def _refusal(status: int, codes: Iterable[str]) -> dict[str, Any]:
-    listed = sorted(codes)
-    return {
-        "description": f"{HTTPStatus(status).phrase}: {', '.join(f'`{code}`' for code in listed)}.",
-        CODES_KEY: listed,
-        "content": {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}},
-    }
 
 
 BINARY = {"type": "string", "format": "binary"}
@@ -140,12 +136,12 @@ _OF_FILES = ("Accept-Ranges", "Content-Disposition", "ETag", "Repr-Digest")
 _GENERATED = "Successful Response"
 _UNCHANGED = "The client already holds these bytes, as `If-None-Match` states."
 
+# Answer of a route that creates a resource at once: `Location` leads to the resource.
 LOCATED: Responses = {201: {"headers": {"Location": {}}}}
-"""Answer of a route that creates a resource at once: `Location` leads to the resource."""
+# Answer that is written while it is sent, to be saved as a file.
 NAMED: Responses = {200: {"headers": {"Content-Disposition": {}}}}
-"""Answer that is written while it is sent, to be saved as a file."""
+# Answer that is written for the request, to be saved as a file.
 SAVED: Responses = {200: {"headers": {"Content-Disposition": {}, "ETag": {}}}, 304: {"description": _UNCHANGED}}
-"""Answer that is written for the request, to be saved as a file."""
 
 
 def offset_answered(status: int = 200, *names: str) -> Responses:

@@ -56,7 +56,6 @@ class OldRoute:
         log.warning("out-of-use", routes={str(self): self.mark.gone_in}, key_id=caller.key_id)
 
     def __str__(self) -> str:
-        """Return the method and the path."""
         return f"{self.method} {self.path}"
 
 
@@ -71,8 +70,7 @@ ACTIVATIONS = OldRoute(
     ),
 )
 OLD_ROUTES = (ACTIVATIONS,)
-OLD: Responses = {200: {"headers": _HEADERS}}
-"""Answer of a deprecated route."""
+OLD: Responses = {200: {"headers": _HEADERS}}  # answer of a deprecated route
 
 
 def _set_headers(response: Response, used: Mapping[str, OutOfUse]) -> None:

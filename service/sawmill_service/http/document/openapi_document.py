@@ -131,7 +131,12 @@ def _finish(document: dict[str, Any], rules: RouteRules) -> dict[str, Any]:
             parameter["schema"] = _not_null(parameter["schema"])
         _give_examples(operation, operation.pop(TRY, {}))
     upload = document["paths"]["/v1/uploads/{upload_id}"]
-    upload["head"] = _without_bodies(upload["get"]) | {
+    headers_alone = {
+        status: {name: value for name, value in answer.items() if name != "content"}
+        for status, answer in upload["get"]["responses"].items()
+    }
+    upload["head"] = upload["get"] | {
+        "responses": headers_alone,
         "operationId": "head_upload",
         "summary": "Get an upload's offset",
     }
@@ -139,15 +144,6 @@ def _finish(document: dict[str, Any], rules: RouteRules) -> dict[str, Any]:
     for part in (schemas, document["paths"], document["webhooks"]):
         write_for_generators(part, schemas)
     return document
-
-
-def _without_bodies(operation: dict[str, Any]) -> dict[str, Any]:
-    """Return the description of `HEAD`, whose answers have the headers of `GET` alone."""
-    answers = {
-        status: {name: value for name, value in answer.items() if name != "content"}
-        for status, answer in operation["responses"].items()
-    }
-    return operation | {"responses": answers}
 
 
 def _replace_references(part: Any, refer: dict[str, str]) -> None:  # noqa: ANN401 - any JSON value
@@ -240,6 +236,7 @@ def write_for_generators(part: Any, schemas: Mapping[str, Schema]) -> None:  # n
     - A pair states the type of its items, for generators that ignore `prefixItems`. Its length already forbids further
       items; `items: false` would repeat that, and openapi-python-client refuses it.
     - A choice requires its discriminator, although it has a default in the schema of each kind.
+    - A value's default is its example, unless it has others.
     """
     if isinstance(part, list):
         for inner in part:
@@ -260,6 +257,8 @@ def write_for_generators(part: Any, schemas: Mapping[str, Schema]) -> None:  # n
             kind = schemas[reference.rpartition("/")[2]]
             kind["properties"][name].pop("default", None)
             kind["required"] = sorted({*kind.get("required", []), name})
+    if {"default", "description"} <= part.keys():
+        part.setdefault("examples", [part["default"]])
     _join_null(part)
 
 

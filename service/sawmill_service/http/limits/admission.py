@@ -11,6 +11,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from sawmill_service.http.bodies.sent_content import has_body
 from sawmill_service.http.gate import SAFE_METHODS
 from sawmill_service.http.limits.rates import Rates, too_many, who
+from sawmill_service.http.middleware import Middleware
 from sawmill_service.http.problems import Refused, refusal_response
 from sawmill_service.http.route_rules import NoKey, no_key
 from sawmill_service.settings import ServiceSettings
@@ -45,7 +46,7 @@ class RequestPlaces:
                 del self._taken[name]
 
 
-class Admission:
+class Admission(Middleware):
     """Middleware that refuses requests beyond a caller's rates, and beyond the number that it may have open at once.
 
     Without that, one caller could hold all threads. A request counts until its answer begins: from then on, only the
@@ -54,7 +55,7 @@ class Admission:
     """
 
     def __init__(self, app: ASGIApp, *, settings: ServiceSettings) -> None:
-        self.app = app
+        super().__init__(app)
         self._all, self._changes = Rates(settings.rate_limit), Rates(settings.change_rate_limit)
         at_once = settings.max_requests_at_once
         self._at_once = {
@@ -66,11 +67,7 @@ class Admission:
         self._streams = settings.max_streams
         self._places = RequestPlaces()
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Let a request in, or answer it with a problem."""
-        if scope["type"] != "http":
-            await self.app(scope, receive, send)
-            return
+    async def _answer(self, scope: Scope, receive: Receive, send: Send) -> None:
         with ExitStack() as place:
             headers = Headers(scope=scope)
             try:

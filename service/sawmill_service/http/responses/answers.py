@@ -5,7 +5,7 @@ import re
 import unicodedata
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, cast
+from typing import Annotated, Any, cast
 from urllib.parse import quote
 
 from fastapi import Request, Response
@@ -23,29 +23,18 @@ from sawmill_service.http.problems import Refused
 from sawmill_service.http.responses.conditional import CACHING, Digests, check_conditions, repr_digest, spans_of, tag_of
 
 
-class Png(Response):
-    """A picture."""
-
-    media_type = "image/png"
-
-
-class Jpeg(Response):
-    """A picture in few bytes, which is not exact."""
-
-    media_type = "image/jpeg"
+def of_type(media_type: str, base: type[Response] = Response) -> type[Response]:
+    """Make the class of answers of a type."""
+    return type("Answer", (base,), {"media_type": media_type})
 
 
-class Svg(Response):
-    """A drawing."""
-
-    media_type = "image/svg+xml"
-
-
-class Hdf5(Response):
-    """A file of arrays."""
-
-    media_type = "application/x-hdf5"
-
+Png = of_type("image/png")
+Jpeg = of_type("image/jpeg")
+Svg = of_type("image/svg+xml")
+Tiff = of_type("image/tiff")
+Hdf5 = of_type("application/x-hdf5")
+Npy = of_type("application/x-npy")
+Nrrd = of_type("application/x-nrrd")
 
 RequestPriority = Annotated[
     Priority,
@@ -56,16 +45,16 @@ RequestPriority = Annotated[
 ]
 
 
+def cursor(example: str, pattern: str) -> Any:  # noqa: ANN401 - as pydantic's Field
+    """Return the field of a page's place in a list."""
+    about = "The `next` of the page before. Default: the newest page."
+    return Field(None, max_length=200, description=about, examples=[example], json_schema_extra={"pattern": pattern})
+
+
 class Paging(Given):
     """Page of a list."""
 
-    after: str | None = Field(
-        None,
-        max_length=200,
-        description="The `next` of the page before. Default: the newest page.",
-        examples=["1772429400000000.example"],
-        json_schema_extra={"pattern": patterns.CURSOR},
-    )
+    after: str | None = cursor("1772429400000000.example", patterns.CURSOR)
     limit: Annotated[int, Field(ge=1, le=200, description="Number of items a page.")] = 50
     fields: str | None = Field(
         None,
@@ -80,13 +69,7 @@ class Paging(Given):
 class NumberedPaging(Paging):
     """Page of a list of numbered entries."""
 
-    after: str | None = Field(
-        None,
-        max_length=200,
-        description="The `next` of the page before. Default: the newest page.",
-        examples=["41"],
-        json_schema_extra={"pattern": patterns.NUMBERED_CURSOR},
-    )
+    after: str | None = cursor("41", patterns.NUMBERED_CURSOR)
 
 
 class Dated(Paging):

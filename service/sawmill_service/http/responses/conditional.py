@@ -224,10 +224,8 @@ _TAG = {
     "schema": {"type": "string"},
     "required": True,
 }
-TAGGED: Responses = {200: {"headers": {"ETag": _TAG}}}
-"""Answer with a resource that can be replaced."""
-REPLACED: Responses = TAGGED | refuses("precondition-failed")
-"""Answer of a route that replaces a resource."""
+TAGGED: Responses = {200: {"headers": {"ETag": _TAG}}}  # answer with a resource that can be replaced
+REPLACED: Responses = TAGGED | refuses("precondition-failed")  # answer of a route that replaces a resource
 
 
 def precondition(

@@ -119,24 +119,6 @@ class MemoryBudget:
 _PIECE_BYTES = 64 * 1024
 
 
-class Npy(Response):
-    """An array, as NumPy stores it (`numpy.load`)."""
-
-    media_type = "application/x-npy"
-
-
-class Tiff(Response):
-    """A stack of images."""
-
-    media_type = "image/tiff"
-
-
-class Nrrd(Response):
-    """A volume with its place, as 3D Slicer reads it."""
-
-    media_type = "application/x-nrrd"
-
-
 class Drawn(Response):
     """An answer that is made in a thread once there is memory for it; headers that are set here replace its own."""
 
@@ -221,7 +203,7 @@ def picture(
 
 def kept_picture(request: Request, size_bytes: int, draw: Callable[[], Path]) -> Response:
     """Return a picture that `draw` stores at the first request, in `size_bytes` of memory, and finds from then on."""
-    return Drawn(request, size_bytes, lambda: file(request, draw(), Png.media_type))
+    return Drawn(request, size_bytes, lambda: file(request, draw(), "image/png"))
 
 
 def exported(

@@ -24,7 +24,7 @@ from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import Conflict, NotFound, QueueFull, StorageError
-from sawmill_service.dependencies import TheFiles, TheScans, TheSettings, TheStore, TheWake
+from sawmill_service.dependencies import TheSettings, TheStore, TheWake
 from sawmill_service.drawing import scan_if_kept, shown_log
 from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.problems import STATUS, complaint
@@ -42,6 +42,7 @@ from sawmill_service.pages.calibrate.report import stored_arrays
 from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
 from sawmill_service.pages.job_words import stages
 from sawmill_service.scanner_conditions import condition_of
+from sawmill_store.mill_files import MillFiles
 from sawmill_store.store import Store
 from sawmill_vocabulary import ReconstructionMethod
 from sawmill_vocabulary.reading_messages import PreparingMessage
@@ -81,11 +82,11 @@ def calibrate(page: ThePage, store: TheStore, settings: TheSettings, where: TheW
 
 
 @router.get(CALIBRATE + "/{inspection_id}/{name}")
-def scan_picture(inspection_id: Identifier, name: ScanPicture, request: Request, files: TheFiles) -> Response:
+def scan_picture(inspection_id: Identifier, name: ScanPicture, request: Request, store: TheStore) -> Response:
     """Return the picture of the scan in a file that was inspected."""
     from sawmill_calibration.pictures.images import grey_png  # noqa: PLC0415 - no other step needs it
 
-    grey = files.result(kinds.INSPECT, inspection_id, name).read_bytes()
+    grey = store.files.result(kinds.INSPECT, inspection_id, name).read_bytes()
     return picture(request, grey, lambda: grey_png(grey, PICTURE_PX))
 
 
@@ -221,10 +222,11 @@ def _of_inspection(page: PageFrame, store: Store, where: WizardAddress, inspecti
         identifier = (inspection.result and inspection.result.calibration_id) or (named and named[1])
         held = identifier if identifier and store.calibrations.several([identifier]) else None
         return page.answer("calibrate_refused.html", where=where, inspection=inspection, failure=failure, held=held)
-    addressed = {name: getattr(where, parameter) or "" for name, parameter in ASKED.items()}
-    earlier = {} if where.scan is None else _earlier(store.scans, where.scan)
-    answers = earlier | {name: value for name, value in addressed.items() if value}
-    return _asked(page, store, where, inspection, answers, status=200)
+    addressed = {name: answer for name, parameter in ASKED.items() if (answer := getattr(where, parameter))}
+    # A scan of the same file may have been made with other answers, and deleted since.
+    scan = None if where.scan is None else scan_if_kept(store.scans, where.scan)
+    earlier = {name: str(answer) for name in ASKED if (answer := getattr(scan, name, None)) is not None}
+    return _asked(page, store, where, inspection, earlier | addressed, status=200)
 
 
 def _of_scan(page: PageFrame, store: Store, where: WizardAddress, scan_id: str, *problems: str) -> HTMLResponse:
@@ -302,14 +304,7 @@ def _dark_percent(scan: Scan, shape: ScanShape) -> float:
     return 100.0 * dark / (shape.views * shape.rows * shape.detector)
 
 
-def _earlier(scans: TheScans, scan_id: str) -> dict[str, str]:
-    """Return the answers that made a scan of the same file; none where the scan was deleted since."""
-    scan = scan_if_kept(scans, scan_id)
-    values = {} if scan is None else {name: getattr(scan, name) for name in ASKED}
-    return {name: str(value) for name, value in values.items() if value is not None}
-
-
-def _again(files: TheFiles, where: WizardAddress, scan: Scan | None) -> str | None:
+def _again(files: MillFiles, where: WizardAddress, scan: Scan | None) -> str | None:
     """Return the address that asks about the same file or its scan again; None where neither is possible."""
     if scan is None:
         return None

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from sawmill_contracts.inspections import FilePart, InspectedReading, Inspection, InspectionResult
+from sawmill_contracts.inspections import FilePart, InspectedReading, Inspection
 from sawmill_contracts.phantoms import PhantomState, StoredPhantom
 from sawmill_contracts.scanners import StoredScanner
 from sawmill_mill.calibration_differences import Misfit, misfit
@@ -66,15 +66,19 @@ def questions_of(store: Store, inspection: Inspection, answers: Mapping[str, str
     foreign = next((each for each in unfit if each[0].id == answered.get("scanner_id")), None)
     if foreign is not None:
         del answered["scanner_id"]
+    arrays = [part for part in result.parts if part.count == 1 and len(part.shape or ()) >= LEAST_AXES]
+    # Counts have flat fields, line integrals have none; this product writes line integrals.
+    has_flats = result.reading is not None and result.reading.flats is not None
+    written = DataKind.LINE_INTEGRALS if result.own_kind == "scan" else None
     questions = Questions(
         inspection=inspection,
-        datasets=_arrays(result) if "dataset" in missing else [],
+        datasets=arrays if "dataset" in missing else [],
         fitting=[scanner for scanner, found in judged if not found],
         unfit=unfit,
         foreign=foreign,
         phantoms=usable_phantoms(store.phantoms),
-        data=_only_possible(result),
-        counts_possible=result.reading is not None and result.reading.flats is not None,
+        data=DataKind.COUNTS if has_flats else written,
+        counts_possible=has_flats,
         angles="angles_deg" in missing,
         answers=answered,
     )
@@ -97,14 +101,3 @@ def usable_phantoms(phantoms: Phantoms) -> list[StoredPhantom]:
     replaced = phantoms.replaced()
     listed = phantoms.page(limit=OFFERED).items
     return [each for each in listed if each.state is PhantomState.READY and each.id not in replaced]
-
-
-def _arrays(result: InspectionResult) -> list[FilePart]:
-    return [part for part in result.parts if part.count == 1 and len(part.shape or ()) >= LEAST_AXES]
-
-
-def _only_possible(result: InspectionResult) -> DataKind | None:
-    """Return counts for a file with flat fields (line integrals have none), or the kind that this product wrote."""
-    if result.reading is not None and result.reading.flats is not None:
-        return DataKind.COUNTS
-    return DataKind.LINE_INTEGRALS if result.own_kind == "scan" else None

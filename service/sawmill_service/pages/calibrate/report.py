@@ -14,13 +14,13 @@ from fastapi import Query, Request, Response
 from fastapi.responses import HTMLResponse
 
 from sawmill_contracts import kinds
-from sawmill_contracts.calibrations import CalibrationHeader, CalibrationSucceeded
+from sawmill_contracts.calibrations import CalibrationSucceeded
 from sawmill_contracts.history import HistoryKind
 from sawmill_formats.errors import damage_reported
 from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import NotFound
-from sawmill_service.dependencies import TheFiles, TheJobs, TheStore
+from sawmill_service.dependencies import TheStore
 from sawmill_service.drawing import DRAWING, FIGURE_BYTES, scan_if_kept
 from sawmill_service.http.responses.drawn import Drawn
 from sawmill_service.http.route_rules import Router
@@ -29,6 +29,7 @@ from sawmill_service.pages.frame.page_frame import formats_of
 from sawmill_service.pages.frame.stored_words import stored_words
 from sawmill_service.routes.calibrations import succeeded
 from sawmill_service.scanner_conditions import step_with
+from sawmill_store.mill_files import MillFiles
 from sawmill_store.store import Store
 
 if TYPE_CHECKING:
@@ -66,6 +67,9 @@ def _about(store: Store, calibration: CalibrationSucceeded, language: str) -> "A
     activation = store.history.newest(scanner.id, HistoryKind.ACTIVATION, calibration.id)
     zone, words = _zone(store, scanner.id), partial(stored_words, translate=texts(language).gettext)
 
+    schedule_id = calibration.schedule_id
+    asked_by = f"schedule {schedule_id}" if schedule_id else store.jobs.get(calibration.job_id).asked_by
+
     def written(time: datetime) -> str:
         local = time.astimezone(None if zone is None else ZoneInfo(zone))
         return f"{formats_of(language).moment(time, zone)} ({zone or local.tzname()})"
@@ -81,7 +85,7 @@ def _about(store: Store, calibration: CalibrationSucceeded, language: str) -> "A
         phantom=store.phantoms.get(calibration.phantom_id).drawing,
         phantom_name=words(calibration.phantom),
         tolerances=scanner.tolerances,
-        asked_by=words(_asked_by(store.jobs, calibration) or ""),
+        asked_by=words(asked_by or ""),
         active=scanner.active_calibration_id == calibration.id,
         activated="" if activation is None else written(activation.at),
         activated_why="" if activation is None else words(activation.why or ""),
@@ -97,13 +101,7 @@ def _zone(store: Store, scanner_id: str) -> str | None:
     return None if named is None else known_zone(named)
 
 
-def _asked_by(jobs: TheJobs, calibration: CalibrationHeader) -> str | None:
-    if calibration.schedule_id is not None:
-        return f"schedule {calibration.schedule_id}"
-    return jobs.get(calibration.job_id).asked_by
-
-
-def stored_arrays(files: TheFiles, calibration_id: str) -> "CalibrationArrays | None":
+def stored_arrays(files: MillFiles, calibration_id: str) -> "CalibrationArrays | None":
     """Read the arrays of result.h5; None where the file was removed."""
     from sawmill_formats.output import calibration_file
     from sawmill_vocabulary.calibration_arrays import CalibrationArrays

@@ -30,7 +30,7 @@ from sawmill_platform.contracts.base import Contract, Identifier, read_strictly
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import Conflict, NotFound
-from sawmill_service.dependencies import ThePhantoms, ThePlans, TheScanners, TheSettings
+from sawmill_service.dependencies import TheSettings, TheStore
 from sawmill_service.http.problems import complaint
 from sawmill_service.http.responses.answers import Paging, Svg, file
 from sawmill_service.http.responses.drawn import picture
@@ -40,7 +40,8 @@ from sawmill_service.pages.frame.languages import Formats
 from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
 from sawmill_service.pages.frame.verdicts import ShownQuestion, shown_pair
 from sawmill_store.scanners.scanners import Scanners
-from sawmill_store.store import Plans
+from sawmill_store.scans.phantoms import Phantoms
+from sawmill_store.store import Store
 from sawmill_vocabulary import Shape
 
 # Time from the first warning to the expiry: enough to find the caliper.
@@ -74,7 +75,9 @@ def size_known(phantom: StoredPhantom, page: PageFrame, today: date) -> SizeKnow
     if any(each.expired(today) for each in measured):
         return SizeKnown("watch", _("Measure again"), _("%(when)s: measure it again.") % {"when": when})
     if phantom.drawing is not None and (unmeasured := phantom.drawing.axis_as_drawn) is not None:
-        return _along_one_axis(when, unmeasured, page)
+        axes = {"axis": "x" if unmeasured == "y" else "y", "other": unmeasured}
+        sentence = _("%(when)s, along %(axis)s only: along %(other)s it is as it was drawn. Measure that side too.")
+        return SizeKnown("watch", _("Measured along %(axis)s only") % axes, sentence % {"when": when, **axes})
     ends = min((each.expires_on for each in measured if each.expires_on is not None), default=None)
     formats = page.formats
     if ends is not None and ends - today <= SOON:
@@ -84,13 +87,6 @@ def size_known(phantom: StoredPhantom, page: PageFrame, today: date) -> SizeKnow
         sentence = _("%(when)s, good until %(day)s.") % {"when": when, "day": formats.day(ends.isoformat())}
         return SizeKnown("good", _("Measured"), sentence)
     return SizeKnown("good", _("Measured"), _("%(when)s, with no day on which to repeat it.") % {"when": when})
-
-
-def _along_one_axis(when: str, unmeasured: str, page: PageFrame) -> SizeKnown:
-    _ = page.text.gettext
-    axes = {"axis": "x" if unmeasured == "y" else "y", "other": unmeasured}
-    sentence = _("%(when)s, along %(axis)s only: along %(other)s it is as it was drawn. Measure that side too.")
-    return SizeKnown("watch", _("Measured along %(axis)s only") % axes, sentence % {"when": when, **axes})
 
 
 def _unmeasured(phantom: StoredPhantom, page: PageFrame) -> SizeKnown:
@@ -168,10 +164,16 @@ class Preview(Contract):
 
 
 @router.get(PHANTOMS)
-def phantoms(page: ThePage, phantoms: ThePhantoms, paging: Annotated[Paging, Query()]) -> HTMLResponse:
+def phantoms(page: ThePage, store: TheStore, paging: Annotated[Paging, Query()]) -> HTMLResponse:
     """List the phantoms that no newer measurement has replaced, the newest first."""
-    listed, replaced, today = phantoms.page(after=paging.after, limit=LISTED), phantoms.replaced(), _today()
-    rows = [_listed(each, page, today) for each in listed.items if each.id not in replaced]
+    listed, replaced, today = store.phantoms.page(after=paging.after, limit=LISTED), store.phantoms.replaced(), _today()
+    rows = [
+        ListedPhantom(
+            each, size_text(each.drawing, page.formats) if each.drawing else "", size_known(each, page, today)
+        )
+        for each in listed.items
+        if each.id not in replaced
+    ]
     return page.answer("phantoms.html", rows=rows, following=listed.next)
 
 
@@ -202,58 +204,47 @@ def preview(page: ThePage, shapes: Annotated[list[JsonValue], Body(embed=True, m
 
 
 @router.get(PHANTOMS + "/{phantom_id}")
-def phantom(
-    phantom_id: Identifier, page: ThePage, phantoms: ThePhantoms, plans: ThePlans, scanners: TheScanners
-) -> HTMLResponse:
+def phantom(phantom_id: Identifier, page: ThePage, store: TheStore) -> HTMLResponse:
     """Show a phantom: its drawing, its measurements, its plans."""
-    return _phantom_page(phantom_id, page, phantoms, plans, scanners)
+    return _phantom_page(phantom_id, page, store)
 
 
 @router.get(PHANTOMS + "/{phantom_id}/plans")
-def plans(phantom_id: Identifier, page: ThePage, plans: ThePlans, scanners: TheScanners) -> HTMLResponse:
+def plans(phantom_id: Identifier, page: ThePage, store: TheStore) -> HTMLResponse:
     """Return the part of the phantom's page with the newest plans, for when a plan has ended."""
-    return page.answer("phantom_plans.html", plans=list(plan_views(plans, scanners, phantom_id, page)))
+    return page.answer("phantom_plans.html", plans=list(plan_views(store, phantom_id, page)))
 
 
 @router.get(PHANTOMS + "/{phantom_id}/outline.svg")
-def outline(phantom_id: Identifier, request: Request, phantoms: ThePhantoms) -> Response:
+def outline(phantom_id: Identifier, request: Request, store: TheStore) -> Response:
     """Return a small picture of the phantom's shapes, for lists."""
-    drawing = phantoms.get(phantom_id).drawing
+    drawing = store.phantoms.get(phantom_id).drawing
     if drawing is None:
         raise NotFound("drawing", phantom_id)
     return picture(request, ("outline", drawing), lambda: outline_svg(drawing), answer=Svg)
 
 
 @router.get(PHANTOMS + "/{phantom_id}/picture.png")
-def uploaded_picture(phantom_id: Identifier, request: Request, phantoms: ThePhantoms) -> Response:
+def uploaded_picture(phantom_id: Identifier, request: Request, store: TheStore) -> Response:
     """Return the picture from which the outline was traced."""
-    phantoms.picture(phantom_id)
-    return file(request, phantoms.files.upload(kinds.TRACE_PHANTOM, phantom_id), "image/png")
+    store.phantoms.picture(phantom_id)
+    return file(request, store.phantoms.files.upload(kinds.TRACE_PHANTOM, phantom_id), "image/png")
 
 
 @router.post(PHANTOMS + "/{phantom_id}/delete", needs=Scope.ADMIN)
-def delete(
-    phantom_id: Identifier, page: ThePage, phantoms: ThePhantoms, plans: ThePlans, scanners: TheScanners
-) -> Response:
+def delete(phantom_id: Identifier, page: ThePage, store: TheStore) -> Response:
     """Delete a phantom, or show what still needs it."""
     try:
-        phantoms.delete(phantom_id)
+        store.phantoms.delete(phantom_id)
     except Conflict as refused:
-        return _phantom_page(phantom_id, page, phantoms, plans, scanners, refused=str(refused), status=409)
+        return _phantom_page(phantom_id, page, store, refused=str(refused), status=409)
     return RedirectResponse(PHANTOMS, status_code=303)
 
 
 def _phantom_page(
-    phantom_id: str,
-    page: PageFrame,
-    phantoms: ThePhantoms,
-    plans: ThePlans,
-    scanners: TheScanners,
-    *,
-    refused: str | None = None,
-    status: int = 200,
+    phantom_id: str, page: PageFrame, store: Store, *, refused: str | None = None, status: int = 200
 ) -> HTMLResponse:
-    stored, today = phantoms.get(phantom_id), _today()
+    stored, today = store.phantoms.get(phantom_id), _today()
     drawing = stored.drawing
     return page.answer(
         "phantom.html",
@@ -262,22 +253,17 @@ def _phantom_page(
         size=size_text(drawing, page.formats) if drawing else None,
         known=size_known(stored, page, today),
         svg=Markup(shown_svg(drawing.name, dict(enumerate(drawing.shapes)))) if drawing else None,  # noqa: S704 - ours
-        shown=_picture_of(stored, phantoms),
-        newer=phantoms.followers().get(phantom_id),
-        plans=list(plan_views(plans, scanners, phantom_id, page)),
+        shown=_picture_of(stored, store.phantoms),
+        newer=store.phantoms.followers().get(phantom_id),
+        plans=list(plan_views(store, phantom_id, page)),
         # First those whose calibration has a geometry to plan with.
-        scanners=sorted(scanners.page(limit=OFFERED).items, key=lambda each: each.active_calibration_id is None),
+        scanners=sorted(store.scanners.page(limit=OFFERED).items, key=lambda each: each.active_calibration_id is None),
         today=today,
         refused=refused,
     )
 
 
-def _listed(phantom: StoredPhantom, page: PageFrame, today: date) -> ListedPhantom:
-    size = size_text(phantom.drawing, page.formats) if phantom.drawing else ""
-    return ListedPhantom(phantom, size, size_known(phantom, page, today))
-
-
-def _picture_of(phantom: StoredPhantom, phantoms: ThePhantoms) -> PictureShown | None:
+def _picture_of(phantom: StoredPhantom, phantoms: Phantoms) -> PictureShown | None:
     """Return the size of the uploaded picture; None where the phantom was drawn, or the upload is no PNG."""
     if phantom.job_id is None:
         return None
@@ -306,10 +292,10 @@ class PlanView:
     questions: list[ShownQuestion]  # empty while there is no answer, or no scanner with tolerances for a comparison
 
 
-def plan_views(plans: Plans, scanners: Scanners, phantom_id: str, page: PageFrame) -> Iterator[PlanView]:
+def plan_views(store: Store, phantom_id: str, page: PageFrame) -> Iterator[PlanView]:
     """Yield the newest plans with a phantom, judged by the present tolerances."""
-    for plan in plans.page(phantom_id=phantom_id, limit=SHOWN).items:
-        scanner = _scanner(scanners, plan.scanner_id)
+    for plan in store.plans.page(phantom_id=phantom_id, limit=SHOWN).items:
+        scanner = _scanner(store.scanners, plan.scanner_id)
         questions: list[ShownQuestion] = []
         if plan.result is not None and scanner is not None:
             questions = shown_pair(TwoQuestions.of_plan(plan.result, scanner.tolerances), page.text, page.formats)

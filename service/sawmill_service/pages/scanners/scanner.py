@@ -21,7 +21,7 @@ from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.due_times import time_zones
 from sawmill_platform.errors import Invalid, NotFound
-from sawmill_service.dependencies import TheCalibrations, TheInspections, TheScanners, TheSchedules, TheStore
+from sawmill_service.dependencies import TheStore
 from sawmill_service.drawing import shown_log
 from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.problems import Refused
@@ -33,6 +33,8 @@ from sawmill_service.pages.frame.languages import locale_of, marked
 from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
 from sawmill_service.pages.scanners.scanner_form import FIELDS, FOLDER, ScannerForm, ScannerForms
 from sawmill_service.scanner_conditions import condition_of
+from sawmill_store.calibrations import Calibrations
+from sawmill_store.scans.scans import Inspections
 from sawmill_store.schedules.schedules import Schedules
 from sawmill_store.store import Store
 from sawmill_vocabulary import LARGEST_ASSUMED_LOG_RADIUS_MM, Theta
@@ -143,24 +145,24 @@ router = Router(include_in_schema=False, reading=Scope.READ)
 
 
 @router.get("/scanners/new")
-def new_scanner(page: ThePage, inspections: TheInspections, wizard: TheWizardAddress) -> HTMLResponse:
+def new_scanner(page: ThePage, store: TheStore, wizard: TheWizardAddress) -> HTMLResponse:
     """Show the form for a new scanner, filled from the file that waits in the wizard if there is one."""
-    return _new(page, inspections, wizard, _forms(page).empty())
+    return _new(page, store.inspections, wizard, _forms(page).empty())
 
 
 @router.post("/scanners/new", needs=Scope.ACTIVATE, response_model=None)
 def create_scanner(
-    page: ThePage, scanners: TheScanners, inspections: TheInspections, wizard: TheWizardAddress, typed: TheForm
+    page: ThePage, store: TheStore, wizard: TheWizardAddress, typed: TheForm
 ) -> HTMLResponse | RedirectResponse:
     """Add a scanner and lead back to the file that waits, or show the form again with what is wrong."""
     form, spec = _forms(page).read(typed, None)
     if spec is None:
-        return _new(page, inspections, wizard, form)
+        return _new(page, store.inspections, wizard, form)
     try:
-        made = scanners.create(spec).id
+        made = store.scanners.create(spec).id
     except Invalid as refusal:
         form.errors[FOLDER] = str(refusal)
-        return _new(page, inspections, wizard, form)
+        return _new(page, store.inspections, wizard, form)
     return RedirectResponse(wizard.path(scanner=made) if wizard.inspection else f"/scanners/{made}", status_code=303)
 
 
@@ -205,11 +207,11 @@ def add_schedule(
 
 
 @router.post("/scanners/{scanner_id}/schedules/{schedule_id}/delete", needs=Scope.ACTIVATE)
-def delete_schedule(scanner_id: Identifier, schedule_id: Identifier, schedules: TheSchedules) -> RedirectResponse:
+def delete_schedule(scanner_id: Identifier, schedule_id: Identifier, store: TheStore) -> RedirectResponse:
     """Remove a schedule of the scanner."""
-    if schedules.get(schedule_id).scanner_id != scanner_id:
+    if store.schedules.get(schedule_id).scanner_id != scanner_id:
         raise NotFound("schedule", schedule_id)
-    schedules.delete(schedule_id)
+    store.schedules.delete(schedule_id)
     return RedirectResponse(f"/scanners/{scanner_id}#schedules", status_code=303)
 
 
@@ -217,7 +219,7 @@ def _forms(page: PageFrame) -> ScannerForms:
     return ScannerForms(locale_of(page.language), page.text)
 
 
-def _new(page: PageFrame, inspections: TheInspections, wizard: WizardAddress, form: ScannerForm) -> HTMLResponse:
+def _new(page: PageFrame, inspections: Inspections, wizard: WizardAddress, form: ScannerForm) -> HTMLResponse:
     inspection = None if wizard.inspection is None else inspections.get(wizard.inspection)
     if inspection is not None and inspection.result is not None and inspection.result.reading is not None:
         form = _forms(page).filled(form, inspection.result.reading)
@@ -298,7 +300,7 @@ def _made_with(active: Provenance | None, now: ScannerConstants) -> ScannerConst
 
 
 def _schedules(
-    calibrations: TheCalibrations, schedules: TheSchedules, scanner_id: str
+    calibrations: Calibrations, schedules: Schedules, scanner_id: str
 ) -> list[tuple[Schedule, list[ScheduleRun], set[str]]]:
     """Return the schedules, each with its newest outcomes and the ids of their calibrations that succeeded."""
     items = schedules.page(scanner_id=scanner_id, limit=SHOWN_SCHEDULES).items

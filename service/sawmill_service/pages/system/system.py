@@ -15,7 +15,7 @@ from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.audit import AuditEntry
 from sawmill_platform.contracts.event_kinds import EventType
 from sawmill_platform.contracts.keys import Scope
-from sawmill_service.dependencies import TheAudit, TheSettings, TheStore
+from sawmill_service.dependencies import TheSettings, TheStore
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.frame.languages import marked
 from sawmill_service.pages.frame.page_frame import ThePage
@@ -172,13 +172,13 @@ def keys() -> RedirectResponse:
 
 
 @router.get("/audit", needs=Scope.ADMIN)
-def audit(page: ThePage, audit: TheAudit, shown: Annotated[AuditFilter, Depends(read_filter)]) -> HTMLResponse:
+def audit(page: ThePage, store: TheStore, shown: Annotated[AuditFilter, Depends(read_filter)]) -> HTMLResponse:
     """Show who did what, the newest first, with a filter."""
     return page.answer(
         "audit.html",
         shown=shown,
-        found=audit.page(**shown.arguments(), limit=PER_PAGE),
-        actors=audit.actors(),
+        found=store.audit.page(**shown.arguments(), limit=PER_PAGE),
+        actors=store.audit.actors(),
         actions=ACTIONS,
         values_of=values_of,
     )

@@ -185,13 +185,9 @@ def chosen_views(dataset: h5py.Dataset, images: NDArray[np.intp]) -> Projections
 
     # Sources of a virtual dataset usually are a camera's images, which are read as a whole.
     virtual = (1, *dataset.shape[1:]) if dataset.is_virtual else None
-    return Projections((len(images), *dataset.shape[1:]), read, _together(virtual or dataset.chunks))
-
-
-def _together(chunks: tuple[int, ...] | None) -> tuple[int, int]:
-    if chunks is None:
-        return 1, 1
-    return (chunks[0], chunks[1]) if len(chunks) == 3 else (chunks[0], 1)
+    chunks = virtual or dataset.chunks or (1, 1)
+    together = (chunks[0], chunks[1] if len(chunks) == 3 else 1)
+    return Projections((len(images), *dataset.shape[1:]), read, together)
 
 
 VIEWS = re.compile("angles?|theta|rotation_angle|views?|projections?|frames?|phi", re.IGNORECASE)

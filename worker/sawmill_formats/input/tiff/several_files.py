@@ -103,22 +103,18 @@ def _checked(what: str, files: Sequence[TiffFile], bounds: Bounds, *, rows_missi
     for file in files:
         with file.opened(replace(bounds, array=bounds.array - before)) as pages:
             member = CheckedTiff(file, pages.shape, pages.remarks)
-        _check_like(member, (checked or [member])[0], rows_missing=rows_missing)
         checked.append(member)
+        (_, rows, cells), (_, rows_before, cells_before) = member.shape, checked[0].shape
+        low, high = sorted((rows, rows_before))
+        if cells != cells_before or not (low == high or (rows_missing and LEAST_SHARE * high <= low)):
+            raise UnreadableScan(
+                "wrong-shape",
+                f"{quoted(file.name)!r} has (rows, detector) = {member.shape[1:]} and the files before it "
+                f"{checked[0].shape[1:]}; all must be of one size",
+            )
         before += 4 * math.prod(member.shape)
     check_size(what, (before // 4,), 4, stored_bytes=sum(file.stored_bytes for file in files), max_bytes=bounds.array)
     return checked
-
-
-def _check_like(member: CheckedTiff, first: CheckedTiff, *, rows_missing: bool) -> None:
-    (_, rows, cells), (_, rows_before, cells_before) = member.shape, first.shape
-    alike = rows == rows_before or (rows_missing and LEAST_SHARE * max(rows, rows_before) <= min(rows, rows_before))
-    if cells != cells_before or not alike:
-        raise UnreadableScan(
-            "wrong-shape",
-            f"{quoted(member.file.name)!r} has (rows, detector) = {member.shape[1:]} and the files before it "
-            f"{first.shape[1:]}; all must be of one size",
-        )
 
 
 def _stacked(files: Sequence[CheckedTiff], rows: int, bounds: Bounds) -> Projections:

@@ -64,7 +64,7 @@ def _segment(days: FloatArray, mean: FloatArray, covariance: FloatArray) -> Segm
 
 # Drift checks pooled in one group: 7 minutes of a day of 2 000 logs, and four outliers of ten do no harm.
 GROUP_LOOKS = 10
-# Evidence above this is an alarm. Simulated: `make study-run-lengths`, docs/understand/drift.md.
+# Evidence above this is an alarm. Simulated: benchmarks/run_lengths.py of commit db71b07a, docs/understand/drift.md.
 LIMIT = 30.0
 # Standard deviations of u_c (mm) and tau (rad) between times at which other logs are sawn on an unchanged scanner.
 QUIET_DEVIATION = (0.002, 5e-5)

@@ -66,7 +66,7 @@ class Harmonics:
     def at(self, part: str, phi: FloatArray) -> FloatArray:
         """Return the angle of the encoder's or the bearing's disturbance at the angles phi (any shape), rad."""
         terms = [
-            value @ _waves(each.order, phi).reshape(2, -1)
+            value @ np.stack([np.cos(each.order * phi), np.sin(each.order * phi)]).reshape(2, -1)
             for each, value in zip(DISTURBANCES, self.values, strict=True)
             if each.part == part
         ]
@@ -174,11 +174,6 @@ def _weights(each: Disturbance, gamma: FloatArray, chi: FloatArray) -> FloatArra
     of_pairs = there - here if each.part == "encoder" else -here - there
     waves = np.outer(of_pairs, np.exp(1j * each.order * chi))
     return np.stack([waves.real, waves.imag])
-
-
-def _waves(order: int, phi: FloatArray) -> FloatArray:
-    """Return cosine and sine, (2, ...)."""
-    return np.stack([np.cos(order * phi), np.sin(order * phi)])
 
 
 def undisturbed(

@@ -99,7 +99,9 @@ class PairedRays:
         1987, Econometrica 55, 703). The covariance is infinite where the pairs do not show the unknowns.
         """
         gram, noisy = (self.gram(corrected=kind)[free][:, free] for kind in (corrected, False))
-        if not (is_definite(noisy + noisy.T) and _signal_share(gram, noisy) > SIGNAL_SHARE):
+        both = gram + gram.T, noisy + noisy.T  # a mask makes both a bit asymmetric
+        # The signal's smallest share of the noisy matrix in any direction.
+        if not (is_definite(both[1]) and scipy.linalg.eigh(*both, eigvals_only=True)[0] > SIGNAL_SHARE):
             return np.full(gram.shape, math.inf)
         scores = self.scores[:, free]
         bread = np.linalg.inv(gram)
@@ -131,8 +133,3 @@ def _products(weights: FloatArray, left: FloatArray, right: FloatArray) -> Float
     """Sum products of weighted derivatives over pairs and chi: over chi first, where no weight changes."""
     of_pairs, of_unknowns = left.transpose(1, 0, 2) @ right.transpose(1, 2, 0), weights.transpose(2, 0, 1)
     return np.asarray((of_unknowns @ of_pairs @ of_unknowns.transpose(0, 2, 1)).sum(axis=0))
-
-
-def _signal_share(gram: FloatArray, noisy: FloatArray) -> float:
-    """Return the signal's smallest share of the noisy matrix in any direction; a mask makes both a bit asymmetric."""
-    return float(scipy.linalg.eigh(gram + gram.T, noisy + noisy.T, eigvals_only=True)[0])

@@ -339,7 +339,9 @@ def _fit(
         sizes = motion_sizes(white @ (differences + put_back), explained, white @ motions.changes, motions.kinds)
         changes = motions.changes * sizes.shares
         patterns = np.hstack([patterns, changes])
-        white = _whitened_further(white, changes)
+        # `white` whitens the changes too, whose standard deviation is 1.
+        space, size, _ = np.linalg.svd(white @ changes, full_matrices=False)
+        white = white + space * (1.0 / np.sqrt(1.0 + size**2) - 1.0) @ (space.T @ white)
     vector, settled = start, False
     for _ in range(STEPS):
         differences = sums.differences(vector)
@@ -382,12 +384,6 @@ def _explained(slopes: FloatArray, gains: FloatArray) -> FloatArray:
     """Return orthonormal columns for all that slopes and gains explain."""
     space, size, _ = np.linalg.svd(np.hstack([slopes / np.linalg.norm(slopes, axis=0), gains]), full_matrices=False)
     return space[:, size > RANK * size[0]]
-
-
-def _whitened_further(white: FloatArray, changes: FloatArray) -> FloatArray:
-    """Return a matrix that whitens differences with further changes (pairs, changes), of standard deviation 1."""
-    space, size, _ = np.linalg.svd(white @ changes, full_matrices=False)
-    return white + space * (1.0 / np.sqrt(1.0 + size**2) - 1.0) @ (space.T @ white)
 
 
 def _scaled(

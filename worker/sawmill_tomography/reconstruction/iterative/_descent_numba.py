@@ -41,7 +41,6 @@ def _dot(one, other):
 
 @njit(inline="always")
 def _add(q, factor, vector):
-    """Do q += factor * vector."""
     factor = np.float32(factor)
     for p in range(q.size):
         q[p] += factor * vector[p]

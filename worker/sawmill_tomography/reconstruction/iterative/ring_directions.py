@@ -118,15 +118,11 @@ def _piths(slopes: Images, inside: Images, grid: ImageGrid, centres: Floats, rad
     usual = np.exp(-0.5 * np.square(shifts / USUAL_REACH).sum(axis=1)).reshape(side.size, side.size)
     piths = np.empty((len(slopes), 2))
     for k, of_slice in enumerate(_along_the_log(scores, joined).reshape(-1, side.size, side.size)):
-        i, j = _top(of_slice, _highest(of_slice * usual))
+        # From the highest score that is not on the border.
+        i, j = divmod(int(np.argmax((of_slice * usual)[1:-1, 1:-1])), side.size - 2)
+        i, j = _top(of_slice, (i + 1, j + 1))
         piths[k] = _peak(of_slice[i - 1 : i + 2, j], side[i]), _peak(of_slice[i, j - 1 : j + 2], side[j])
     return piths
-
-
-def _highest(scores: Floats) -> tuple[int, int]:
-    """Return the place of the highest score that is not on the border."""
-    i, j = divmod(int(np.argmax(scores[1:-1, 1:-1])), scores.shape[1] - 2)
-    return i + 1, j + 1
 
 
 def _top(scores: Floats, start: tuple[int, int]) -> tuple[int, int]:
