@@ -27,7 +27,7 @@ from sawmill_tomography.statistics import robust_deviation
 
 # Unknowns of the board's wood, alike for all pairs, and of each pair: standard deviations of the priors.
 OF_WOOD = {Term.ASPECT: 3e-3, Term.SHEAR: 3e-3, Term.CORNERS: 9.0, Term.GRADIENT_X: 5e-4, Term.GRADIENT_Y: 5e-4}
-OF_PAIR = {Term.BLUR: 2.0, Term.SLOPE: 0.01, Term.CURVATURE: 0.01}
+OF_PAIR = {Term.BLUR: 2.0}
 # Steps over which rounded corners, mm^2, blur, cells^2, and places of corners, mm, are differentiated.
 ROUND_STEP, BLUR_STEP, CORNER_STEP_MM = 1.0, 0.05, 0.05
 # Scatter of the intensity that wood takes out of the beam: halos with these standard deviations on the detector, and
@@ -39,12 +39,12 @@ BENDS = (0.3, 0.1, 0.03)
 SCATTERED = slice(len(OF_PAIR), len(OF_PAIR) + len(HALOS_MM) + 1)
 BENT = slice(SCATTERED.stop, SCATTERED.stop + len(BENDS))
 OF_OPTICS = BENT.stop
-# Of each view: gain, relative to the first estimate, and offset.
-OF_VIEW = (0.3, 0.02)
+# Of each view: gain, relative to the first estimate, and level, slope and curvature across the detector.
+OF_VIEW = (0.3, 0.02, 0.01, 0.01)
 # A traced drawing with more corners keeps its shape up to stretching and shearing.
 MOST_CORNERS = 24
 # A step that lowers the power by less, in variances of a sample, is the last.
-STEPS, CONVERGED, ROUGHLY = 30, 0.1, 1e-3
+STEPS, CONVERGED, ROUGHLY, PARTS = 30, 0.1, 1e-3, (1.0, 0.5, 0.25)
 # Neighbouring cells whose residuals are compared.
 LAGS = 24
 # Standard deviations of densities of patches that do not vary, and the precision of what is held.
@@ -179,7 +179,7 @@ class FineFit:
         optics = self._optics(x, number)[: len(OF_PAIR)]
         sizes: dict[int, float] = dict(zip((*OF_WOOD, *OF_PAIR), (*x[layout.part(WOOD)], *optics), strict=True))
         sizes |= {term: 0.0 for term in LARGEST if sizes.get(Term(term), 0.0) < LEAST_SIZE}
-        gain, offset = x[layout.part(VIEWS)].reshape(layout.pairs, layout.passages, 2)[number].T
+        gain, *levels = x[layout.part(VIEWS)].reshape(layout.pairs, layout.passages, -1)[number].T
         groups = len(lines) // layout.passages
         return ScanModel(
             with_corners(self.board, x[layout.part(CORNERS)]),
@@ -187,7 +187,7 @@ class FineFit:
             self.from_counts,
             np.concatenate([self._placed(x).frames[number], [0.0, 0.0]]),
             self.attenuation[number] * np.repeat(1.0 + gain, groups)[:, None],
-            np.repeat(offset, groups)[:, None],
+            np.repeat(np.transpose(levels) @ self._smooth(number), groups, axis=0),
             np.column_stack([angles, positions]),
             sizes,
             view_gain=True,
@@ -212,8 +212,12 @@ class FineFit:
 
     def _straight(self, number: int, model: ScanModel) -> FloatArray:
         """Return the line integrals of a beam that does not harden, by the pair's attenuation, (views, cells)."""
-        slopes = model.size(Term.SLOPE) * model.across + model.size(Term.CURVATURE) * model.across**2
-        return np.asarray((model.prediction - model.offset - slopes) * (self.attenuation[number] / model.gain))
+        return np.asarray((model.prediction - model.offset) * (self.attenuation[number] / model.gain))
+
+    def _smooth(self, number: int) -> FloatArray:
+        """Return the shapes of what flat fields leave across the detector: level, slope and curvature, (3, cells)."""
+        cells = self.data[number].cells.count
+        return np.asarray(((np.arange(cells) + 0.5) / cells - 0.5) ** np.arange(3)[:, None])
 
     def _bent(self, number: int, straight: FloatArray) -> FloatArray:
         """Return what hardening adds for each power, (powers, views, cells)."""
@@ -297,10 +301,9 @@ class FineFit:
         wood = soft(chain * np.stack([rows[10], rows[11], self._rounding(model), rows[8], rows[9]]))
         corners = soft(chain * self._moved_corners(x, model))
         blurred = (self.prediction(self._changed(x, number, Term.BLUR, BLUR_STEP), number) - predicted) / BLUR_STEP
-        across = np.stack([np.broadcast_to(row, predicted.shape) for row in (model.across, model.across**2)])
-        bent = through(np.concatenate([across, self._bent(number, straight)]))
-        optics = [blurred, *bent[:2], *(-halos / total), *bent[2:]]
-        gains = soft(np.stack([model.sharp - model.offset, np.ones_like(predicted)]))
+        optics = [blurred, *(-halos / total), *through(self._bent(number, straight))]
+        smooth = np.broadcast_to(self._smooth(number)[:, None], (len(OF_VIEW) - 1, *predicted.shape))
+        gains = soft(np.concatenate([[model.sharp - model.offset], smooth]))
         gains[0] *= self.attenuation[number] / model.gain
         of_views = (of_passage * gains).reshape(-1, *predicted.shape)
         parts = {
@@ -400,8 +403,13 @@ class FineFit:
             normal, score = self.system(self.x)
             whole = damping
             for _ in range(8):
-                there = self.x + self._step(normal, score, damping)
-                after = self.power(there) if possible(self.board, self._placed(there)) else math.inf
+                step = self._step(normal, score, damping)
+                # Scatter and hardening bend the valley: a part of a long step may lower what the whole step does not.
+                for part in PARTS:
+                    there = self.x + part * step
+                    after = self.power(there) if possible(self.board, self._placed(there)) else math.inf
+                    if after < before:
+                        break
                 if after < before:
                     break
                 damping = max(10.0 * damping, 1e-4)
