@@ -54,6 +54,16 @@ def test_pairs_apart_along_the_feed_see_a_sloped_board_at_their_own_heights():
     assert (found.verdict, codes(found)) == ("watch", ["pairs-apart"])
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
+def test_fans_out_of_the_cross_section_see_boards_that_slant_otherwise_in_each_passage(seed):
+    rng = np.random.default_rng(seed)
+    fans, slopes = rng.normal(0.0, [3.0, 0.01, 0.01], (3, 3)), rng.normal(0.0, 0.02, (2, 2))
+    found, error_mm = passed_board("counts alone", 3, 2, seed).in_space(fans, slopes, seed).calibrated()
+    assert error_mm < found.rays.upper_95_mm < TOLERANCE_MM
+    assert found.verdict == "pass"
+
+
 @pytest.mark.nightly
 def test_bounds_of_thirty_machines_hold_and_no_pass_is_wrong():
     lines = [outcome(kind, number, 1 + number % 2, 52) for number in range(5) for kind in KINDS]

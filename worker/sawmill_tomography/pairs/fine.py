@@ -18,9 +18,9 @@ from sawmill_tomography.calibration.joint_fit.sample_noise import LEAST_NOISE, s
 from sawmill_tomography.calibration.joint_fit.scan_model import LARGEST, ScanModel, Term
 from sawmill_tomography.calibration.joint_fit.wood_patches import variation, wood_patches
 from sawmill_tomography.calibration.sinogram_data import SinogramData
-from sawmill_tomography.geometry.geometry import FloatArray
+from sawmill_tomography.geometry.geometry import TAU, FloatArray
 from sawmill_tomography.pairs.coarse import Placed, possible
-from sawmill_tomography.pairs.passages import PairData, by_pose, seen_by_views
+from sawmill_tomography.pairs.passages import PairData, by_pose, mapped, seen_by_views
 from sawmill_tomography.phantoms.phantom import Disc, Phantom, Shape
 from sawmill_tomography.sinograms.scattered_radiation import halo
 from sawmill_tomography.statistics import robust_deviation
@@ -41,6 +41,9 @@ BENT = slice(SCATTERED.stop, SCATTERED.stop + len(BENDS))
 OF_OPTICS = BENT.stop
 # Of each view: gain, relative to the first estimate, and level, slope and curvature across the detector.
 OF_VIEW = (0.3, 0.02, 0.01, 0.01)
+# The fan of each pair: its place along the feed about the stated one, mm, and its slopes against the cross-section; and
+# the step over which a slope's effect is differentiated.
+OF_FAN, SHEAR_STEP = (5.0, 0.01, 0.01), 1e-4
 # A traced drawing with more corners keeps its shape up to stretching and shearing.
 MOST_CORNERS = 24
 # A step that lowers the power by less, in variances of a sample, is the last.
@@ -69,7 +72,7 @@ class Layout:
 
     @cached_property
     def starts(self) -> FloatArray:
-        """Where frames, poses, slopes of the poses, wood, corners, optics, views and patches begin, and the end."""
+        """Where frames, poses, their slopes, wood, corners, optics, views, fans and patches begin, and the end."""
         of_slopes = 3 * self.passages if self.sloped else 0
         lengths = (
             5 * self.pairs,
@@ -79,6 +82,7 @@ class Layout:
             self.corners,
             OF_OPTICS * self.pairs,
             len(OF_VIEW) * self.pairs * self.passages,
+            len(OF_FAN) * self.pairs if self.sloped else 0,
             self.patches,
         )
         return np.cumsum([0, *lengths])
@@ -93,7 +97,7 @@ class Layout:
         return slice(int(self.starts[number]), int(self.starts[number + 1]))
 
 
-FRAMES, POSES, SLOPES, WOOD, CORNERS, OPTICS, VIEWS, PATCHES = range(8)
+FRAMES, POSES, SLOPES, WOOD, CORNERS, OPTICS, VIEWS, FANS, PATCHES = range(9)
 
 
 class FineFit:
@@ -125,6 +129,7 @@ class FineFit:
         of_pair = [*OF_PAIR.values(), *[SCATTER] * (len(HALOS_MM) + 1), *BENDS]
         deviations[self.layout.part(OPTICS)] = np.tile(of_pair, len(data))
         deviations[self.layout.part(VIEWS)] = [*OF_VIEW] * (len(data) * passages)
+        deviations[self.layout.part(FANS)] = [*OF_FAN] * (len(data) if self.layout.sloped else 0)
         deviations[self.layout.part(PATCHES)] = LEAST_VARIATION
         self.precision = 1.0 / deviations**2
         # The first pose is the gauge.
@@ -134,6 +139,10 @@ class FineFit:
         # What patches of wood add to the primary line integrals for each unit of their density, and to the prediction.
         self.patches = [np.zeros((0, *lines.shape)) for lines in self.lines]
         self.patch_columns = [*self.patches]
+        # What a fan's place and slopes add, in the same way; and what the mean over a group's rows and the slant add.
+        self.fans = [np.zeros((len(OF_FAN), *lines.shape)) for lines in self.lines]
+        self.fan_columns = [*self.fans]
+        self.smeared = [np.zeros_like(lines) for lines in self.lines]
         self.weights = [np.ones_like(lines) for lines in self.lines]
         self.shares = [np.zeros(one.cells.count) for one in data]
         self._of_densities = dict[int, FloatArray]()
@@ -165,17 +174,17 @@ class FineFit:
         frames, poses = (x[self.layout.part(part)] for part in (FRAMES, POSES))
         return Placed(frames.reshape(-1, 5), poses.reshape(-1, 3), 0.0)
 
-    def _poses(self, x: FloatArray, number: int) -> FloatArray:
-        """Return the pose in each view of one pair, (views, 3)."""
-        heights, poses = self.data[number].heights_mm, self._placed(x).poses[:, None]
+    def _poses(self, x: FloatArray, number: int, further_mm: float = 0.0) -> FloatArray:
+        """Return the pose in each view of one pair, or further along the feed, (views, 3)."""
+        heights, poses = self.data[number].heights_mm + further_mm, self._placed(x).poses[:, None]
         if self.layout.sloped:
             poses = poses + heights[:, None] * x[self.layout.part(SLOPES)].reshape(-1, 1, 3)
         return np.reshape(poses, (-1, 3))
 
-    def model(self, x: FloatArray, number: int) -> ScanModel:
+    def model(self, x: FloatArray, number: int, further_mm: float = 0.0) -> ScanModel:
         """Return the forward model of one pair without scatter; its views are the groups of rows of all passages."""
         layout, data, lines = self.layout, self.data[number], self.lines[number]
-        angles, positions = seen_by_views(self._poses(x, number))
+        angles, positions = seen_by_views(self._poses(x, number, further_mm))
         optics = self._optics(x, number)[: len(OF_PAIR)]
         sizes: dict[int, float] = dict(zip((*OF_WOOD, *OF_PAIR), (*x[layout.part(WOOD)], *optics), strict=True))
         sizes |= {term: 0.0 for term in LARGEST if sizes.get(Term(term), 0.0) < LEAST_SIZE}
@@ -208,7 +217,11 @@ class FineFit:
         bent = self._bent(number, self._straight(number, model))
         lines = model.prediction + np.tensordot(self._optics(x, number)[BENT], bent, 1)
         densities = x[self.layout.part(PATCHES)][: len(self.patches[number])]
-        return np.asarray(lines + np.tensordot(densities, self.patches[number], 1))
+        lines = lines + np.tensordot(densities, self.patches[number], 1) + self.smeared[number]
+        if not self.layout.sloped:
+            return np.asarray(lines)
+        fan = x[self.layout.part(FANS)].reshape(self.layout.pairs, -1)[number]
+        return np.asarray(lines + np.tensordot(fan, self.fans[number], 1))
 
     def _straight(self, number: int, model: ScanModel) -> FloatArray:
         """Return the line integrals of a beam that does not harden, by the pair's attenuation, (views, cells)."""
@@ -315,6 +328,7 @@ class FineFit:
         parts |= {OPTICS: (OF_OPTICS * number, np.array(optics)), VIEWS: (len(of_views) * number, of_views)}
         if layout.sloped:
             parts[SLOPES] = (0, heights * poses)
+            parts[FANS] = (len(OF_FAN) * number, self.fan_columns[number])
         parts[PATCHES] = (0, self.patch_columns[number])  # the last, as `_products` has them
         places = [layout.part(part).start + first + np.arange(len(own)) for part, (first, own) in parts.items()]
         root = np.sqrt(self.weights[number])
@@ -455,6 +469,38 @@ class FineFit:
                 if term in LARGEST:
                     low[first + place], high[first + place] = 0.0, LARGEST[term]
         return low, high
+
+    def tilt_fans(self) -> None:
+        """Let the fans lie elsewhere along the feed, and out of the cross-section: sloping boards are then deformed."""
+        for number in range(len(self.data)):
+            model = self.model(self.x, number)
+            primary = self._primary(self.x, number, model)
+            through = self._scattering(self.x, number, primary, self._halos(self.x, number, primary)[1])
+            blurring = self._blurring(model)
+            # Neighbouring groups are as far apart as each is long: two points have the mean of its rows (Gauss).
+            half_mm = float(np.diff(self.data[number].heights_mm).mean()) / math.sqrt(12.0)
+            ends = [self.model(self.x, number, way * half_mm).lengths for way in (-1.0, 1.0)]
+            *fans, slanted = self._sheared(number, model)
+            self.smeared[number] = blurring(model.gain * (np.mean(ends, axis=0) - model.lengths + slanted))
+            self.fans[number] = blurring(model.gain * np.array(fans))
+            self.fan_columns[number] = through(self.fans[number])
+
+    def _sheared(self, number: int, model: ScanModel) -> FloatArray:
+        """Return the change of lengths by the fan's place and slopes, and by the board's slant, (4, views, cells)."""
+        # A board with the slope s lies elsewhere by s z: a fan in z = a . x sees it as rays mapped by 1 - s a would.
+        # Its cross-section is longer along s, by half the square of s.
+        rows, frame = model.deformations, self._placed(self.x).frames[number]
+        slopes = self.x[self.layout.part(SLOPES)].reshape(-1, 3)
+        groups, same = len(rows[0]) // len(slopes), mapped(frame, np.eye(2), np.zeros(2))
+        changes = np.zeros((3, len(slopes), len(frame)))
+        for passage, slope in enumerate(slopes[:, :2]):
+            for place, along in enumerate((*np.eye(2), 0.5 * slope)):
+                shear = np.eye(2) - SHEAR_STEP * np.outer(slope, along)
+                change = mapped(frame, shear, np.zeros(2)) - same
+                changes[place, passage] = np.array([math.remainder(change[0], TAU), *change[1:]]) / SHEAR_STEP
+        pose = by_pose(self._poses(self.x, number), rows[0], rows[5:7])
+        shifted = np.einsum("vp,pvc->vc", np.repeat(slopes, groups, axis=0), pose)
+        return np.stack([shifted, *np.einsum("avf,fvc->avc", np.repeat(changes, groups, axis=1), rows[:5])])
 
     def vary_densities(self) -> None:
         """Let the wood's density vary from patch to patch, as much as the scan says."""
