@@ -1,6 +1,6 @@
 """Passages of a board through machines of the study `benchmarks/fixed_pairs.py`, with half as many cells."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,7 +15,6 @@ from sawmill_tomography.pairs.ray_errors import PairRays, pair_ray_error
 from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.physics.passages import Passage, simulate_passages
-from sawmill_tomography.projection.analytic import DetectorCells
 from sawmill_vocabulary import PairedScanner
 
 
@@ -37,17 +36,21 @@ class PassedBoard:
         return found, pair_ray_error(rays, np.array([to_vector(pair.frame) for pair in found.pairs])).rms_mm
 
     def in_space(self, fans: FloatArray, slopes: FloatArray, seed: int) -> "PassedBoard":
-        """The board with these slopes of its axis, seen by fans as `planes` has them; flat fields slope by passage."""
+        """Seen by fans (o, a_x, a_y) in z = o + a . x, with slopes of the board's axis, and of the flat by passage."""
         rng, measured = np.random.default_rng(seed), []
         corners = np.array(self.drawing.shapes[0].vertices_mm)
-        for one, (source, ends) in zip(self.data, planes(self.data[0].cells, self.frames, fans), strict=True):
+        for one, frame, (offset_mm, *tilt) in zip(self.data, self.frames, fans, strict=True):
+            points = Detector(one.cells.count, one.cells.width_mm).points(SourceFrame.from_vector(frame), 8)
+            flat = np.concatenate([[[0.0, 0.0]], points.reshape(-1, 2)]) - [0.0, frame[1]]
+            places = np.stack(rotate(frame[0], *flat.T), -1)
+            source, *ends = np.column_stack([places, offset_mm + places @ tilt])
             rows_mm = np.diff(one.heights_mm).mean() * (np.arange(4) - 1.5) / 4
             lines = np.zeros(one.lines.shape)
             for passage, group in np.ndindex(lines.shape[:2]):
                 lies, slope = self.lies[passage], slopes[passage]
                 for height in one.heights_mm[group] + rows_mm:
                     place = np.array(lies.place_mm) + slope * height
-                    chords = slanted(corners, source, ends, place, slope, lies.roll_rad)
+                    chords = slanted(corners, source, np.array(ends), place, slope, lies.roll_rad)
                     through = np.exp(-0.6 * SAPWOOD_PER_MM * chords).reshape(one.cells.count, -1).mean(axis=1)
                     lines[passage, group] -= 0.25 * np.log(through)
             across = 0.003 * rng.standard_normal((len(lines), 1, 1)) * np.linspace(-1.0, 1.0, one.cells.count)
@@ -74,12 +77,3 @@ def passed_board(kind: str, pairs: int, count: int, seed: int, *of_pairs: dict[s
     passed = simulate_passages(made, scanner, true, lies, physics, **about)
     data = [data_of(*each) for each in zip(passed, scanner.pairs, strict=True)]
     return PassedBoard(scanner, np.array([*map(to_vector, true)]), drawing, lies, data)
-
-
-def planes(cells: DetectorCells, frames: FloatArray, fans: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Each pair's source (3,) and ends of rays, 8 for each cell, (8 cells, 3): fans (o, a_x, a_y) in z = o + a . x."""
-    for frame, (offset_mm, *slope) in zip(frames, fans, strict=True):
-        ends = Detector(cells.count, cells.width_mm).points(SourceFrame.from_vector(frame), 8).reshape(-1, 2)
-        places = np.stack(rotate(frame[0], *(np.concatenate([[[0.0, 0.0]], ends]) - [0.0, frame[1]]).T), -1)
-        space = np.column_stack([places, offset_mm + places @ slope])
-        yield space[0], space[1:]

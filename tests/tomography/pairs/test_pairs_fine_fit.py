@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from passed_boards import passed_board, planes
-from tests.support.exact_chords import slanted
+from passed_boards import passed_board
 
 from sawmill_tomography.calibration.joint_fit.wood_patches import wood_patches
 from sawmill_tomography.pairs.coarse import Placed
@@ -23,9 +22,8 @@ def fit() -> FineFit:
     fit.x[fit.layout.part(WOOD)][2:] = [2.0, 0.0, 0.0]  # rounded corners, mm^2; the columns take no slope into account
     optics = fit.x[fit.layout.part(OPTICS)].reshape(2, -1)
     optics[:, 0], optics[:, SCATTERED] = 2.0, 0.005  # blur, cells^2
-    fit.tilt_fans()
+    fit.vary_fans_and_densities()
     fit.x[fit.layout.part(FANS)] = rng.normal(0.0, np.tile([5.0, 0.01, 0.01], 2))
-    fit.vary_densities()
     fit.x[fit.layout.part(PATCHES)] = rng.normal(0.0, 0.02, fit.layout.patches)
     return fit
 
@@ -47,33 +45,9 @@ def test_columns_are_the_central_differences_of_the_prediction(fit):
     assert 0.0 < off.min() < off.max() < 0.05
 
 
-def test_slanting_boards_and_fans_out_of_the_cross_section_are_seen_as_in_three_dimensions(fit):
-    fans, slope, pose = np.array([[4.0, 0.012, -0.008], [-3.0, 0.0, 0.01]]), np.array([0.02, -0.03]), [8.0, -5.0, 0.7]
-    straight = FineFit(
-        fit.board, fit.data, Placed(fit.placed.frames, np.array([pose, pose]), 0.0), from_counts=True, corner_mm=0.3
-    )
-    straight.x[straight.layout.part(SLOPES)] = [*slope, 0.0, 0.0, 0.0, 0.0]
-    straight.x[straight.layout.part(FANS)] = fans.ravel()
-    before = [straight.prediction(straight.x, number) for number in range(2)]
-    straight.tilt_fans()
-    corners, heights = np.array(fit.board.shapes[0].vertices_mm), fit.data[0].heights_mm
-    rows_mm = np.diff(heights).mean() * (np.arange(8) - 3.5) / 8
-    for number, (source, ends) in enumerate(planes(fit.data[0].cells, fit.placed.frames, fans)):
-        exact = [
-            np.mean([slanted(corners, source, ends, pose[:2] + slope * row, slope, pose[2]) for row in at + rows_mm], 0)
-            for at in heights
-        ]
-        exact = np.reshape(exact, (len(heights), fit.data[0].cells.count, -1)).mean(axis=2)
-        misses = [
-            one[:3] / straight.attenuation[number] - exact
-            for one in (before[number], straight.prediction(straight.x, number))
-        ]
-        assert np.linalg.norm(misses[1]) < 0.2 * np.linalg.norm(misses[0])
-
-
 def test_the_number_of_patches_is_the_drawings_wherever_the_corners_are(fit):
     corners = fit.x[fit.layout.part(CORNERS)]
     corners += np.random.default_rng(1).normal(0.0, 20.0, corners.size)
     assert len(wood_patches(fit.model(fit.x, 0).drawing)) != fit.layout.patches
-    fit.vary_densities()
+    fit.vary_fans_and_densities()
     assert [len(patches) for patches in fit.patches] == [fit.layout.patches] * 2

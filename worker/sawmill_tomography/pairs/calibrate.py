@@ -210,9 +210,7 @@ def _fitted(
     fit = fit.of_rows(data)
     fit.solve()
     fit.weigh()
-    if fit.layout.sloped:
-        fit.tilt_fans()
-    fit.vary_densities()
+    fit.vary_fans_and_densities()
     fit.solve()
     fit.let_knots_differ()
     fit.solve()

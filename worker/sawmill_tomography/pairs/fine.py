@@ -470,20 +470,32 @@ class FineFit:
                     low[first + place], high[first + place] = 0.0, LARGEST[term]
         return low, high
 
-    def tilt_fans(self) -> None:
-        """Let the fans lie elsewhere along the feed, and out of the cross-section: sloping boards are then deformed."""
+    def vary_fans_and_densities(self) -> None:
+        """Let fans lie out of the cross-section, and the wood's density vary by patch as much as the scan says."""
         for number in range(len(self.data)):
             model = self.model(self.x, number)
-            primary = self._primary(self.x, number, model)
+            body, primary = model.drawing, self._primary(self.x, number, model)
             through = self._scattering(self.x, number, primary, self._halos(self.x, number, primary)[1])
             blurring = self._blurring(model)
-            # Neighbouring groups are as far apart as each is long: two points have the mean of its rows (Gauss).
-            half_mm = float(np.diff(self.data[number].heights_mm).mean()) / math.sqrt(12.0)
-            ends = [self.model(self.x, number, way * half_mm).lengths for way in (-1.0, 1.0)]
-            *fans, slanted = self._sheared(number, model)
-            self.smeared[number] = blurring(model.gain * (np.mean(ends, axis=0) - model.lengths + slanted))
-            self.fans[number] = blurring(model.gain * np.array(fans))
-            self.fan_columns[number] = through(self.fans[number])
+            if self.layout.sloped:
+                # Neighbouring groups are as far apart as each is long: two points have the mean of its rows (Gauss).
+                half_mm = float(np.diff(self.data[number].heights_mm).mean()) / math.sqrt(12.0)
+                ends = [self.model(self.x, number, way * half_mm).lengths for way in (-1.0, 1.0)]
+                *fans, slanted = self._sheared(number, model)
+                self.smeared[number] = blurring(model.gain * (np.mean(ends, axis=0) - model.lengths + slanted))
+                self.fans[number] = blurring(model.gain * np.array(fans))
+                self.fan_columns[number] = through(self.fans[number])
+            lengths = [model.project(replace(body, shapes=shapes)) for shapes in wood_patches(self.board)]
+            self.patches[number] = blurring(model.gain * np.array(lengths))
+            self.patch_columns[number] = through(self.patches[number])
+        self._of_densities = {}
+        self.x[self.layout.part(PATCHES)] = 0.0
+        normal, score = self.system(self.x)
+        patches, others = self.layout.part(PATCHES), slice(0, self.layout.part(PATCHES).start)
+        normal[patches, patches] -= np.diag(self.precision[patches])
+        taken = normal[patches, others] @ scaled_inverse(normal[others, others])
+        left, seen = normal[patches, patches] - taken @ normal[others, patches], score[patches] - taken @ score[others]
+        self.precision[patches] = 1.0 / max(variation(left, seen, 1.0).deviation, LEAST_VARIATION) ** 2
 
     def _sheared(self, number: int, model: ScanModel) -> FloatArray:
         """Return the change of lengths by the fan's place and slopes, and by the board's slant, (4, views, cells)."""
@@ -501,24 +513,6 @@ class FineFit:
         pose = by_pose(self._poses(self.x, number), rows[0], rows[5:7])
         shifted = np.einsum("vp,pvc->vc", np.repeat(slopes, groups, axis=0), pose)
         return np.stack([shifted, *np.einsum("avf,fvc->avc", np.repeat(changes, groups, axis=1), rows[:5])])
-
-    def vary_densities(self) -> None:
-        """Let the wood's density vary from patch to patch, as much as the scan says."""
-        for number in range(len(self.data)):
-            model = self.model(self.x, number)
-            body, primary = model.drawing, self._primary(self.x, number, model)
-            through = self._scattering(self.x, number, primary, self._halos(self.x, number, primary)[1])
-            lengths = [model.project(replace(body, shapes=shapes)) for shapes in wood_patches(self.board)]
-            self.patches[number] = self._blurring(model)(model.gain * np.array(lengths))
-            self.patch_columns[number] = through(self.patches[number])
-        self._of_densities = {}
-        self.x[self.layout.part(PATCHES)] = 0.0
-        normal, score = self.system(self.x)
-        patches, others = self.layout.part(PATCHES), slice(0, self.layout.part(PATCHES).start)
-        normal[patches, patches] -= np.diag(self.precision[patches])
-        taken = normal[patches, others] @ scaled_inverse(normal[others, others])
-        left, seen = normal[patches, patches] - taken @ normal[others, patches], score[patches] - taken @ score[others]
-        self.precision[patches] = 1.0 / max(variation(left, seen, 1.0).deviation, LEAST_VARIATION) ** 2
 
     def let_knots_differ(self) -> None:
         """Let single patches differ more than the others, as knots do: densities have the tails of a Cauchy's."""

@@ -68,16 +68,12 @@ def moved_frames(frames: FloatArray, motion: Sequence[float]) -> FloatArray:
 
 
 def mapped(frame: FloatArray, linear: FloatArray, shift_mm: FloatArray) -> FloatArray:
-    """Return one frame (5,) with its rays mapped by a matrix (2, 2) and then shifted (2,).
-
-    The ray through the new origin gives distance, column and tilt; cells that are further apart are those of a nearer
-    detector.
-    """
+    """Return one frame (5,) with its rays mapped by a matrix (2, 2) and then shifted (2,), by the ray through 0."""
     psi, r, sdd, u_c, tau = frame
     along = linear @ rotate(psi + tau, 1.0, 0.0)
     wider = float(np.hypot(*along))
     source = linear @ rotate(psi, 0.0, -r) + shift_mm
-    # From the source to the middle of the detector.
+    # From the source to the detector's middle: cells that are further apart belong to a nearer detector.
     middle = linear @ (np.array(rotate(psi, 0.0, sdd)) - u_c * np.array(rotate(psi + tau, 1.0, 0.0))) / wider
     along = along / wider
     f, foot = float(along[0] * middle[1] - along[1] * middle[0]), -float(along @ middle)
