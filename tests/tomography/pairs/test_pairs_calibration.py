@@ -1,5 +1,7 @@
 """Machines of fixed pairs that are calibrated from passages of a board, whose poses are not known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from fixed_pairs import KINDS, TOLERANCE_MM, outcome
@@ -52,6 +54,18 @@ def test_pairs_apart_along_the_feed_see_a_sloped_board_at_their_own_heights():
     assert error_mm < found.rays.upper_95_mm < TOLERANCE_MM
     # Twenty rows are 40 mm: where the board lies 165 mm further on is known by its slope alone.
     assert (found.verdict, codes(found)) == ("watch", ["pairs-apart"])
+
+
+@pytest.mark.slow
+def test_a_board_that_is_not_as_drawn_is_no_ruler():
+    passed = passed_board("beam and detector", 2, 2, 4).of_all_rows()
+    shape = passed.drawing.shapes[0]
+    moved = replace(
+        shape, vertices_mm=((shape.vertices_mm[0][0] + 6.0, shape.vertices_mm[0][1]), *shape.vertices_mm[1:])
+    )
+    found, _ = replace(passed, drawing=replace(passed.drawing, shapes=(moved,))).calibrated()
+    assert found.corners_mm > 1.0
+    assert "pairs-scale" in codes(found)
 
 
 @pytest.mark.slow

@@ -248,13 +248,16 @@ def _found(
     )
     corners = fit.x[fit.layout.part(CORNERS)]
     poses = _moved_poses(fit.placed.poses, motion)
-    scale = math.hypot(rays.scale_deviation(covariance), board.size_tolerance)
+    corners_mm = float(np.sqrt(np.mean(corners**2))) if corners.size else 0.0
+    # A board that is further off its drawing than stated is no better a ruler.
+    worse = max(1.0, corners_mm / task.corner_mm)
+    scale = worse * math.hypot(rays.scale_deviation(covariance), board.size_tolerance)
     found = FoundPairs(
         pairs,
         rays.predicted(covariance),
         100.0 * TWO_SIDED_95 * scale,
         tuple((float(x), float(y), float(roll)) for x, y, roll in poses),
-        float(np.sqrt(np.mean(corners**2))) if corners.size else 0.0,
+        corners_mm,
         fit.share_left(),
         radius,
         "pass",

@@ -418,7 +418,7 @@ class FineFit:
             whole = damping
             for _ in range(8):
                 step = self._step(normal, score, damping)
-                # Scatter and hardening bend the valley: a part of a long step may lower what the whole step does not.
+                # Scatter and hardening are not linear: a part of a long step may lower what the whole step does not.
                 for part in PARTS:
                     there = self.x + part * step
                     after = self.power(there) if possible(self.board, self._placed(there)) else math.inf
