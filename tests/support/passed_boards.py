@@ -36,7 +36,7 @@ class PassedBoard:
         return found, pair_ray_error(rays, np.array([to_vector(pair.frame) for pair in found.pairs])).rms_mm
 
     def in_space(self, fans: FloatArray, slopes: FloatArray, seed: int) -> "PassedBoard":
-        """Seen by fans (o, a_x, a_y) in z = o + a . x, with slopes of the board's axis, and of the flat by passage."""
+        """Return the board, slanted, as fans in z = o + a . x see it, rows (o, a_x, a_y); flat fields change."""
         rng, measured = np.random.default_rng(seed), []
         corners = np.array(self.drawing.shapes[0].vertices_mm)
         for one, frame, (offset_mm, *tilt) in zip(self.data, self.frames, fans, strict=True):
@@ -44,8 +44,7 @@ class PassedBoard:
             flat = np.concatenate([[[0.0, 0.0]], points.reshape(-1, 2)]) - [0.0, frame[1]]
             places = np.stack(rotate(frame[0], *flat.T), -1)
             source, *ends = np.column_stack([places, offset_mm + places @ tilt])
-            rows_mm = np.diff(one.heights_mm).mean() * (np.arange(4) - 1.5) / 4
-            lines = np.zeros(one.lines.shape)
+            rows_mm, lines = np.diff(one.heights_mm).mean() * (np.arange(4) - 1.5) / 4, np.zeros(one.lines.shape)
             for passage, group in np.ndindex(lines.shape[:2]):
                 lies, slope = self.lies[passage], slopes[passage]
                 for height in one.heights_mm[group] + rows_mm:

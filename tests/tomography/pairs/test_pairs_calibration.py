@@ -8,6 +8,7 @@ from fixed_pairs import KINDS, TOLERANCE_MM, outcome
 from passed_boards import passed_board
 
 from sawmill_tomography.pairs.calibrate import CERTAIN
+from sawmill_tomography.pairs.fine import with_corners
 from sawmill_vocabulary import CellOrder
 
 
@@ -59,11 +60,8 @@ def test_pairs_apart_along_the_feed_see_a_sloped_board_at_their_own_heights():
 @pytest.mark.slow
 def test_a_board_that_is_not_as_drawn_is_no_ruler():
     passed = passed_board("beam and detector", 2, 2, 4).of_all_rows()
-    shape = passed.drawing.shapes[0]
-    moved = replace(
-        shape, vertices_mm=((shape.vertices_mm[0][0] + 6.0, shape.vertices_mm[0][1]), *shape.vertices_mm[1:])
-    )
-    found, _ = replace(passed, drawing=replace(passed.drawing, shapes=(moved,))).calibrated()
+    moved = with_corners(passed.drawing, 6.0 * np.eye(12)[0])
+    found, _ = replace(passed, drawing=moved).calibrated()
     assert found.corners_mm > 1.0
     assert "pairs-scale" in codes(found)
 
