@@ -60,8 +60,7 @@ def test_pairs_apart_along_the_feed_see_a_sloped_board_at_their_own_heights():
 @pytest.mark.slow
 def test_a_board_that_is_not_as_drawn_is_no_ruler():
     passed = passed_board("beam and detector", 2, 2, 4).of_all_rows()
-    moved = with_corners(passed.drawing, 6.0 * np.eye(12)[0])
-    found, _ = replace(passed, drawing=moved).calibrated()
+    found, _ = replace(passed, drawing=with_corners(passed.drawing, 6.0 * np.eye(12)[0])).calibrated()
     assert found.corners_mm > 1.0
     assert "pairs-scale" in codes(found)
 
