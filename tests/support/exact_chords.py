@@ -164,6 +164,20 @@ def _polygon_chords(corners: Array, towards: Array) -> tuple[Array, Array]:
     return way * lengths, way * 0.5 * (signs * distance**2).sum(axis=1)
 
 
+def slanted(corners: Array, source: Array, ends: Array, place: Array, slope: Array, roll: float) -> Array:
+    """Return the chords (n,) of rays from (3,) to (n, 3) in a prism, as lengths in the prism's own cross-section.
+
+    Its axis runs through `place` (2,) at height 0 along (slope, 1); it was rolled before it was slanted.
+    """
+    axis, c, s = np.array([*slope, 1.0]) / math.hypot(*slope, 1.0), math.cos(roll), math.sin(roll)
+    rolled = np.array([[c, s, 0.0], [-s, c, 0.0]])
+    # The least rotation that brings z to the axis (Rodrigues).
+    own = (rolled - np.outer(rolled @ axis, np.add(axis, [0.0, 0.0, 1.0])) / (1.0 + axis[2])).T
+    towards = (ends - source) @ own
+    towards /= np.hypot(*towards.T)[:, None]
+    return _polygon_chords(corners - (source - [*place, 0.0]) @ own, towards)[0]
+
+
 def counted(transmission: Array, *, photons: float = 30_000.0, flats: int = 10, seed: int, gain: float = 0.1) -> Array:
     """Return line integrals from counts of these transmissions with noise, cells of unequal gain and flat fields."""
     rng = np.random.default_rng(seed)

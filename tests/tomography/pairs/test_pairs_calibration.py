@@ -1,11 +1,14 @@
 """Machines of fixed pairs that are calibrated from passages of a board, whose poses are not known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from fixed_pairs import KINDS, TOLERANCE_MM, outcome
 from passed_boards import passed_board
 
 from sawmill_tomography.pairs.calibrate import CERTAIN
+from sawmill_tomography.pairs.fine import with_corners
 from sawmill_vocabulary import CellOrder
 
 
@@ -52,6 +55,24 @@ def test_pairs_apart_along_the_feed_see_a_sloped_board_at_their_own_heights():
     assert error_mm < found.rays.upper_95_mm < TOLERANCE_MM
     # Twenty rows are 40 mm: where the board lies 165 mm further on is known by its slope alone.
     assert (found.verdict, codes(found)) == ("watch", ["pairs-apart"])
+
+
+@pytest.mark.slow
+def test_a_board_that_is_not_as_drawn_is_no_ruler():
+    passed = passed_board("beam and detector", 2, 2, 4).of_all_rows()
+    found, _ = replace(passed, drawing=with_corners(passed.drawing, 6.0 * np.eye(12)[0])).calibrated()
+    assert found.corners_mm > 1.0
+    assert "pairs-scale" in codes(found)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
+def test_fans_out_of_the_cross_section_see_boards_that_slant_otherwise_in_each_passage(seed):
+    rng = np.random.default_rng(seed)
+    fans, slopes = rng.normal(0.0, [3.0, 0.01, 0.01], (3, 3)), rng.normal(0.0, 0.02, (2, 2))
+    found, error_mm = passed_board("counts alone", 3, 2, seed).in_space(fans, slopes, seed).calibrated()
+    assert error_mm < found.rays.upper_95_mm < TOLERANCE_MM
+    assert found.verdict == "pass"
 
 
 @pytest.mark.nightly

@@ -6,7 +6,7 @@ from passed_boards import passed_board
 
 from sawmill_tomography.calibration.joint_fit.wood_patches import wood_patches
 from sawmill_tomography.pairs.coarse import Placed
-from sawmill_tomography.pairs.fine import CORNERS, OPTICS, PATCHES, SCATTERED, SLOPES, VIEWS, WOOD, FineFit
+from sawmill_tomography.pairs.fine import CORNERS, FANS, OPTICS, PATCHES, SCATTERED, SLOPES, VIEWS, WOOD, FineFit
 
 
 @pytest.fixture
@@ -22,7 +22,8 @@ def fit() -> FineFit:
     fit.x[fit.layout.part(WOOD)][2:] = [2.0, 0.0, 0.0]  # rounded corners, mm^2; the columns take no slope into account
     optics = fit.x[fit.layout.part(OPTICS)].reshape(2, -1)
     optics[:, 0], optics[:, SCATTERED] = 2.0, 0.005  # blur, cells^2
-    fit.vary_densities()
+    fit.vary_fans_and_densities()
+    fit.x[fit.layout.part(FANS)] = rng.normal(0.0, np.tile([5.0, 0.01, 0.01], 2))
     fit.x[fit.layout.part(PATCHES)] = rng.normal(0.0, 0.02, fit.layout.patches)
     return fit
 
@@ -48,5 +49,5 @@ def test_the_number_of_patches_is_the_drawings_wherever_the_corners_are(fit):
     corners = fit.x[fit.layout.part(CORNERS)]
     corners += np.random.default_rng(1).normal(0.0, 20.0, corners.size)
     assert len(wood_patches(fit.model(fit.x, 0).drawing)) != fit.layout.patches
-    fit.vary_densities()
+    fit.vary_fans_and_densities()
     assert [len(patches) for patches in fit.patches] == [fit.layout.patches] * 2

@@ -12,7 +12,7 @@ from sawmill_tomography.calibration.scale import TWO_SIDED_95
 from sawmill_tomography.calibration.sinogram_data import counted_radius_mm
 from sawmill_tomography.geometry.geometry import TAU, FloatArray, GeometryError, SourceFrame, rotate, to_vector
 from sawmill_tomography.pairs.coarse import Nominal, Placed, likely, restarted, starts, together
-from sawmill_tomography.pairs.fine import CORNERS, FRAMES, FineFit
+from sawmill_tomography.pairs.fine import CORNERS, FRAMES, OF_FAN, FineFit
 from sawmill_tomography.pairs.passages import PairData, moved_frames
 from sawmill_tomography.pairs.ray_errors import PairRays, PredictedRays, rigid_motion
 from sawmill_tomography.phantoms.phantom import Phantom
@@ -210,7 +210,7 @@ def _fitted(
     fit = fit.of_rows(data)
     fit.solve()
     fit.weigh()
-    fit.vary_densities()
+    fit.vary_fans_and_densities()
     fit.solve()
     fit.let_knots_differ()
     fit.solve()
@@ -248,13 +248,16 @@ def _found(
     )
     corners = fit.x[fit.layout.part(CORNERS)]
     poses = _moved_poses(fit.placed.poses, motion)
-    scale = math.hypot(rays.scale_deviation(covariance), board.size_tolerance)
+    corners_mm = float(np.sqrt(np.mean(corners**2))) if corners.size else 0.0
+    # A board that is further off its drawing than stated is no better a ruler.
+    worse = max(1.0, corners_mm / task.corner_mm)
+    scale = worse * math.hypot(rays.scale_deviation(covariance), board.size_tolerance)
     found = FoundPairs(
         pairs,
         rays.predicted(covariance),
         100.0 * TWO_SIDED_95 * scale,
         tuple((float(x), float(y), float(roll)) for x, y, roll in poses),
-        float(np.sqrt(np.mean(corners**2))) if corners.size else 0.0,
+        corners_mm,
         fit.share_left(),
         radius,
         "pass",
@@ -291,7 +294,7 @@ def _remarks(
     if not converged:
         yield Remark(Degree.FAIL, PairMessage.NOT_CONVERGED())
     middles, rows_mm = [one.heights_mm.mean() for one in task.data], np.ptp(task.data[0].heights_mm) / OF_ROWS
-    if rows_mm and np.ptp(middles) > rows_mm:
+    if np.ptp(middles) > max(rows_mm, OF_FAN[0]):
         yield Remark(Degree.WATCH, PairMessage.APART(apart_mm=float(np.ptp(middles)), rows_mm=float(rows_mm)))
     if found.rays.upper_95_mm > task.tolerance_mm:
         sizes = {"rms_mm": found.rays.rms_mm, "upper_mm": found.rays.upper_95_mm, "allowed_mm": task.tolerance_mm}

@@ -18,16 +18,16 @@ from sawmill_tomography.calibration.joint_fit.sample_noise import LEAST_NOISE, s
 from sawmill_tomography.calibration.joint_fit.scan_model import LARGEST, ScanModel, Term
 from sawmill_tomography.calibration.joint_fit.wood_patches import variation, wood_patches
 from sawmill_tomography.calibration.sinogram_data import SinogramData
-from sawmill_tomography.geometry.geometry import FloatArray
+from sawmill_tomography.geometry.geometry import TAU, FloatArray
 from sawmill_tomography.pairs.coarse import Placed, possible
-from sawmill_tomography.pairs.passages import PairData, by_pose, seen_by_views
+from sawmill_tomography.pairs.passages import PairData, by_pose, mapped, seen_by_views
 from sawmill_tomography.phantoms.phantom import Disc, Phantom, Shape
 from sawmill_tomography.sinograms.scattered_radiation import halo
 from sawmill_tomography.statistics import robust_deviation
 
 # Unknowns of the board's wood, alike for all pairs, and of each pair: standard deviations of the priors.
 OF_WOOD = {Term.ASPECT: 3e-3, Term.SHEAR: 3e-3, Term.CORNERS: 9.0, Term.GRADIENT_X: 5e-4, Term.GRADIENT_Y: 5e-4}
-OF_PAIR = {Term.BLUR: 2.0, Term.SLOPE: 0.01, Term.CURVATURE: 0.01}
+OF_PAIR = {Term.BLUR: 2.0}
 # Steps over which rounded corners, mm^2, blur, cells^2, and places of corners, mm, are differentiated.
 ROUND_STEP, BLUR_STEP, CORNER_STEP_MM = 1.0, 0.05, 0.05
 # Scatter of the intensity that wood takes out of the beam: halos with these standard deviations on the detector, and
@@ -39,12 +39,15 @@ BENDS = (0.3, 0.1, 0.03)
 SCATTERED = slice(len(OF_PAIR), len(OF_PAIR) + len(HALOS_MM) + 1)
 BENT = slice(SCATTERED.stop, SCATTERED.stop + len(BENDS))
 OF_OPTICS = BENT.stop
-# Of each view: gain, relative to the first estimate, and offset.
-OF_VIEW = (0.3, 0.02)
+# Of each view: gain, relative to the first estimate, and level, slope and curvature across the detector.
+OF_VIEW = (0.3, 0.02, 0.01, 0.01)
+# The fan of each pair: its place along the feed about the stated one, mm, and its slopes against the cross-section; and
+# the step over which a slope's effect is differentiated.
+OF_FAN, SHEAR_STEP = (5.0, 0.01, 0.01), 1e-4
 # A traced drawing with more corners keeps its shape up to stretching and shearing.
 MOST_CORNERS = 24
 # A step that lowers the power by less, in variances of a sample, is the last.
-STEPS, CONVERGED, ROUGHLY = 30, 0.1, 1e-3
+STEPS, CONVERGED, ROUGHLY, PARTS = 30, 0.1, 1e-3, (1.0, 0.5, 0.25)
 # Neighbouring cells whose residuals are compared.
 LAGS = 24
 # Standard deviations of densities of patches that do not vary, and the precision of what is held.
@@ -69,7 +72,7 @@ class Layout:
 
     @cached_property
     def starts(self) -> FloatArray:
-        """Where frames, poses, slopes of the poses, wood, corners, optics, views and patches begin, and the end."""
+        """Where frames, poses, their slopes, wood, corners, optics, views, fans and patches begin, and the end."""
         of_slopes = 3 * self.passages if self.sloped else 0
         lengths = (
             5 * self.pairs,
@@ -79,6 +82,7 @@ class Layout:
             self.corners,
             OF_OPTICS * self.pairs,
             len(OF_VIEW) * self.pairs * self.passages,
+            len(OF_FAN) * self.pairs if self.sloped else 0,
             self.patches,
         )
         return np.cumsum([0, *lengths])
@@ -93,7 +97,7 @@ class Layout:
         return slice(int(self.starts[number]), int(self.starts[number + 1]))
 
 
-FRAMES, POSES, SLOPES, WOOD, CORNERS, OPTICS, VIEWS, PATCHES = range(8)
+FRAMES, POSES, SLOPES, WOOD, CORNERS, OPTICS, VIEWS, FANS, PATCHES = range(9)
 
 
 class FineFit:
@@ -125,6 +129,7 @@ class FineFit:
         of_pair = [*OF_PAIR.values(), *[SCATTER] * (len(HALOS_MM) + 1), *BENDS]
         deviations[self.layout.part(OPTICS)] = np.tile(of_pair, len(data))
         deviations[self.layout.part(VIEWS)] = [*OF_VIEW] * (len(data) * passages)
+        deviations[self.layout.part(FANS)] = [*OF_FAN] * (len(data) if self.layout.sloped else 0)
         deviations[self.layout.part(PATCHES)] = LEAST_VARIATION
         self.precision = 1.0 / deviations**2
         # The first pose is the gauge.
@@ -134,6 +139,10 @@ class FineFit:
         # What patches of wood add to the primary line integrals for each unit of their density, and to the prediction.
         self.patches = [np.zeros((0, *lines.shape)) for lines in self.lines]
         self.patch_columns = [*self.patches]
+        # What a fan's place and slopes add, in the same way; and what the mean over a group's rows and the slant add.
+        self.fans = [np.zeros((len(OF_FAN), *lines.shape)) for lines in self.lines]
+        self.fan_columns = [*self.fans]
+        self.smeared = [np.zeros_like(lines) for lines in self.lines]
         self.weights = [np.ones_like(lines) for lines in self.lines]
         self.shares = [np.zeros(one.cells.count) for one in data]
         self._of_densities = dict[int, FloatArray]()
@@ -165,21 +174,21 @@ class FineFit:
         frames, poses = (x[self.layout.part(part)] for part in (FRAMES, POSES))
         return Placed(frames.reshape(-1, 5), poses.reshape(-1, 3), 0.0)
 
-    def _poses(self, x: FloatArray, number: int) -> FloatArray:
-        """Return the pose in each view of one pair, (views, 3)."""
-        heights, poses = self.data[number].heights_mm, self._placed(x).poses[:, None]
+    def _poses(self, x: FloatArray, number: int, further_mm: float = 0.0) -> FloatArray:
+        """Return the pose in each view of one pair, or further along the feed, (views, 3)."""
+        heights, poses = self.data[number].heights_mm + further_mm, self._placed(x).poses[:, None]
         if self.layout.sloped:
             poses = poses + heights[:, None] * x[self.layout.part(SLOPES)].reshape(-1, 1, 3)
         return np.reshape(poses, (-1, 3))
 
-    def model(self, x: FloatArray, number: int) -> ScanModel:
+    def model(self, x: FloatArray, number: int, further_mm: float = 0.0) -> ScanModel:
         """Return the forward model of one pair without scatter; its views are the groups of rows of all passages."""
         layout, data, lines = self.layout, self.data[number], self.lines[number]
-        angles, positions = seen_by_views(self._poses(x, number))
+        angles, positions = seen_by_views(self._poses(x, number, further_mm))
         optics = self._optics(x, number)[: len(OF_PAIR)]
         sizes: dict[int, float] = dict(zip((*OF_WOOD, *OF_PAIR), (*x[layout.part(WOOD)], *optics), strict=True))
         sizes |= {term: 0.0 for term in LARGEST if sizes.get(Term(term), 0.0) < LEAST_SIZE}
-        gain, offset = x[layout.part(VIEWS)].reshape(layout.pairs, layout.passages, 2)[number].T
+        gain, *levels = x[layout.part(VIEWS)].reshape(layout.pairs, layout.passages, -1)[number].T
         groups = len(lines) // layout.passages
         return ScanModel(
             with_corners(self.board, x[layout.part(CORNERS)]),
@@ -187,7 +196,7 @@ class FineFit:
             self.from_counts,
             np.concatenate([self._placed(x).frames[number], [0.0, 0.0]]),
             self.attenuation[number] * np.repeat(1.0 + gain, groups)[:, None],
-            np.repeat(offset, groups)[:, None],
+            np.repeat(np.transpose(levels) @ self._smooth(number), groups, axis=0),
             np.column_stack([angles, positions]),
             sizes,
             view_gain=True,
@@ -208,12 +217,20 @@ class FineFit:
         bent = self._bent(number, self._straight(number, model))
         lines = model.prediction + np.tensordot(self._optics(x, number)[BENT], bent, 1)
         densities = x[self.layout.part(PATCHES)][: len(self.patches[number])]
-        return np.asarray(lines + np.tensordot(densities, self.patches[number], 1))
+        lines = lines + np.tensordot(densities, self.patches[number], 1) + self.smeared[number]
+        if not self.layout.sloped:
+            return np.asarray(lines)
+        fan = x[self.layout.part(FANS)].reshape(self.layout.pairs, -1)[number]
+        return np.asarray(lines + np.tensordot(fan, self.fans[number], 1))
 
     def _straight(self, number: int, model: ScanModel) -> FloatArray:
         """Return the line integrals of a beam that does not harden, by the pair's attenuation, (views, cells)."""
-        slopes = model.size(Term.SLOPE) * model.across + model.size(Term.CURVATURE) * model.across**2
-        return np.asarray((model.prediction - model.offset - slopes) * (self.attenuation[number] / model.gain))
+        return np.asarray((model.prediction - model.offset) * (self.attenuation[number] / model.gain))
+
+    def _smooth(self, number: int) -> FloatArray:
+        """Return the shapes of what flat fields leave across the detector: level, slope and curvature, (3, cells)."""
+        cells = self.data[number].cells.count
+        return np.asarray(((np.arange(cells) + 0.5) / cells - 0.5) ** np.arange(3)[:, None])
 
     def _bent(self, number: int, straight: FloatArray) -> FloatArray:
         """Return what hardening adds for each power, (powers, views, cells)."""
@@ -297,10 +314,9 @@ class FineFit:
         wood = soft(chain * np.stack([rows[10], rows[11], self._rounding(model), rows[8], rows[9]]))
         corners = soft(chain * self._moved_corners(x, model))
         blurred = (self.prediction(self._changed(x, number, Term.BLUR, BLUR_STEP), number) - predicted) / BLUR_STEP
-        across = np.stack([np.broadcast_to(row, predicted.shape) for row in (model.across, model.across**2)])
-        bent = through(np.concatenate([across, self._bent(number, straight)]))
-        optics = [blurred, *bent[:2], *(-halos / total), *bent[2:]]
-        gains = soft(np.stack([model.sharp - model.offset, np.ones_like(predicted)]))
+        optics = [blurred, *(-halos / total), *through(self._bent(number, straight))]
+        smooth = np.broadcast_to(self._smooth(number)[:, None], (len(OF_VIEW) - 1, *predicted.shape))
+        gains = soft(np.concatenate([[model.sharp - model.offset], smooth]))
         gains[0] *= self.attenuation[number] / model.gain
         of_views = (of_passage * gains).reshape(-1, *predicted.shape)
         parts = {
@@ -312,6 +328,7 @@ class FineFit:
         parts |= {OPTICS: (OF_OPTICS * number, np.array(optics)), VIEWS: (len(of_views) * number, of_views)}
         if layout.sloped:
             parts[SLOPES] = (0, heights * poses)
+            parts[FANS] = (len(OF_FAN) * number, self.fan_columns[number])
         parts[PATCHES] = (0, self.patch_columns[number])  # the last, as `_products` has them
         places = [layout.part(part).start + first + np.arange(len(own)) for part, (first, own) in parts.items()]
         root = np.sqrt(self.weights[number])
@@ -400,8 +417,13 @@ class FineFit:
             normal, score = self.system(self.x)
             whole = damping
             for _ in range(8):
-                there = self.x + self._step(normal, score, damping)
-                after = self.power(there) if possible(self.board, self._placed(there)) else math.inf
+                step = self._step(normal, score, damping)
+                # Scatter and hardening are not linear: a part of a long step may lower what the whole step does not.
+                for part in PARTS:
+                    there = self.x + part * step
+                    after = self.power(there) if possible(self.board, self._placed(there)) else math.inf
+                    if after < before:
+                        break
                 if after < before:
                     break
                 damping = max(10.0 * damping, 1e-4)
@@ -448,14 +470,23 @@ class FineFit:
                     low[first + place], high[first + place] = 0.0, LARGEST[term]
         return low, high
 
-    def vary_densities(self) -> None:
-        """Let the wood's density vary from patch to patch, as much as the scan says."""
+    def vary_fans_and_densities(self) -> None:
+        """Let fans lie out of the cross-section, and the wood's density vary by patch as much as the scan says."""
         for number in range(len(self.data)):
             model = self.model(self.x, number)
             body, primary = model.drawing, self._primary(self.x, number, model)
             through = self._scattering(self.x, number, primary, self._halos(self.x, number, primary)[1])
+            blurring = self._blurring(model)
+            if self.layout.sloped:
+                # Neighbouring groups are as far apart as each is long: two points have the mean of its rows (Gauss).
+                half_mm = float(np.diff(self.data[number].heights_mm).mean()) / math.sqrt(12.0)
+                ends = [self.model(self.x, number, way * half_mm).lengths for way in (-1.0, 1.0)]
+                *fans, slanted = self._sheared(number, model)
+                self.smeared[number] = blurring(model.gain * (np.mean(ends, axis=0) - model.lengths + slanted))
+                self.fans[number] = blurring(model.gain * np.array(fans))
+                self.fan_columns[number] = through(self.fans[number])
             lengths = [model.project(replace(body, shapes=shapes)) for shapes in wood_patches(self.board)]
-            self.patches[number] = self._blurring(model)(model.gain * np.array(lengths))
+            self.patches[number] = blurring(model.gain * np.array(lengths))
             self.patch_columns[number] = through(self.patches[number])
         self._of_densities = {}
         self.x[self.layout.part(PATCHES)] = 0.0
@@ -465,6 +496,23 @@ class FineFit:
         taken = normal[patches, others] @ scaled_inverse(normal[others, others])
         left, seen = normal[patches, patches] - taken @ normal[others, patches], score[patches] - taken @ score[others]
         self.precision[patches] = 1.0 / max(variation(left, seen, 1.0).deviation, LEAST_VARIATION) ** 2
+
+    def _sheared(self, number: int, model: ScanModel) -> FloatArray:
+        """Return the change of lengths by the fan's place and slopes, and by the board's slant, (4, views, cells)."""
+        # A board with the slope s lies elsewhere by s z: a fan in z = a . x sees it as rays mapped by 1 - s a would.
+        # Its cross-section is longer along s, by half the square of s.
+        rows, frame = model.deformations, self._placed(self.x).frames[number]
+        slopes = self.x[self.layout.part(SLOPES)].reshape(-1, 3)
+        groups, same = len(rows[0]) // len(slopes), mapped(frame, np.eye(2), np.zeros(2))
+        changes = np.zeros((3, len(slopes), len(frame)))
+        for passage, slope in enumerate(slopes[:, :2]):
+            for place, along in enumerate((*np.eye(2), 0.5 * slope)):
+                shear = np.eye(2) - SHEAR_STEP * np.outer(slope, along)
+                change = mapped(frame, shear, np.zeros(2)) - same
+                changes[place, passage] = np.array([math.remainder(change[0], TAU), *change[1:]]) / SHEAR_STEP
+        pose = by_pose(self._poses(self.x, number), rows[0], rows[5:7])
+        shifted = np.einsum("vp,pvc->vc", np.repeat(slopes, groups, axis=0), pose)
+        return np.stack([shifted, *np.einsum("avf,fvc->avc", np.repeat(changes, groups, axis=1), rows[:5])])
 
     def let_knots_differ(self) -> None:
         """Let single patches differ more than the others, as knots do: densities have the tails of a Cauchy's."""

@@ -63,15 +63,21 @@ def by_pose(poses: FloatArray, by_angle: FloatArray, by_position: FloatArray) ->
 
 def moved_frames(frames: FloatArray, motion: Sequence[float]) -> FloatArray:
     """Return the frames (pairs, 5) in coordinates turned by motion[2] and then shifted by motion[:2], mm and rad."""
-    return np.array([_moved(frame, *motion) for frame in frames])
+    turned = np.stack(rotate(motion[2], *np.eye(2)))
+    return np.array([mapped(frame, turned, np.asarray(motion[:2])) for frame in frames])
 
 
-def _moved(frame: FloatArray, x_mm: float, y_mm: float, turn_rad: float) -> FloatArray:
-    """Return one frame: the ray through the new origin gives its distance, column and tilt."""
+def mapped(frame: FloatArray, linear: FloatArray, shift_mm: FloatArray) -> FloatArray:
+    """Return one frame (5,) with its rays mapped by a matrix (2, 2) and then shifted (2,), by the ray through 0."""
     psi, r, sdd, u_c, tau = frame
-    omega, f = psi + tau + turn_rad, sdd * np.cos(tau)
-    foot = u_c - sdd * np.sin(tau)
-    source = np.add(rotate(psi + turn_rad, 0.0, -r), [x_mm, y_mm])
-    distance, angle = float(np.hypot(*source)), float(np.arctan2(source[0], -source[1]))
+    along = linear @ rotate(psi + tau, 1.0, 0.0)
+    wider = float(np.hypot(*along))
+    source = linear @ rotate(psi, 0.0, -r) + shift_mm
+    # From the source to the detector's middle: cells that are further apart belong to a nearer detector.
+    middle = linear @ (np.array(rotate(psi, 0.0, sdd)) - u_c * np.array(rotate(psi + tau, 1.0, 0.0))) / wider
+    along = along / wider
+    f, foot = float(along[0] * middle[1] - along[1] * middle[0]), -float(along @ middle)
+    angle = float(np.arctan2(source[0], -source[1]))
+    omega = float(np.arctan2(along[1], along[0]))
     tilt = float(np.arctan2(np.sin(omega - angle), np.cos(omega - angle)))
-    return np.array([angle, distance, f / np.cos(tilt), foot + f * np.tan(tilt), tilt])
+    return np.array([angle, np.hypot(*source), f / np.cos(tilt), foot + f * np.tan(tilt), tilt])
