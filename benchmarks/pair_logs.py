@@ -2,12 +2,13 @@
 
     python benchmarks/pair_logs.py [--logs 100] [--seed 1] [--out FILE] [--write]
 
-A machine of `fixed_pairs.py` is calibrated from two passages of the L; then a log with four nails and a piece of metal
-passes, with scattered radiation, hardening and blur. Before its second check the machine's second pair moves its rays
-by 2 mm. Results are appended to a file of JSON lines; an interrupted study continues where it stopped.
+A machine of `fixed_pairs.py` is calibrated from two passages of the L; then logs with four nails and a piece of metal
+pass, with scattered radiation, hardening and blur. Before a second check the rays of the second pair move by 2 mm.
+Results are appended to a file of JSON lines; an interrupted study continues where it stopped.
 """
 
 import argparse
+import functools
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -21,7 +22,7 @@ from rich.progress import track
 from sawmill_tomography.calibration.scale import TWO_SIDED_95
 from sawmill_tomography.geometry.geometry import FloatArray, SourceFrame, rotate, to_vector
 from sawmill_tomography.pairs.agreement import agreement
-from sawmill_tomography.pairs.calibrate import PairsTask, calibrate_pairs
+from sawmill_tomography.pairs.calibrate import FoundPairs, PairsTask, calibrate_pairs
 from sawmill_tomography.pairs.log_pictures import log_pictures
 from sawmill_tomography.pairs.marks import Sights, marks_of
 from sawmill_tomography.pairs.ray_errors import PairRays, rigid_motion
@@ -30,8 +31,9 @@ from sawmill_tomography.physics.passages import simulate_passages
 from sawmill_vocabulary import PairedScanner
 from sawmill_vocabulary.physics import Physics
 
-# Number of pairs, by what the second pair's rays move, and the distance within which a mark is the metal's.
-PAIRS, MOVED_MM, NEAR_MM = (2, 3, 4, 6), 2.0, 3.0
+# Number of pairs, logs for each machine, by what the second pair's rays move, and the distance within which a mark is
+# the metal's.
+PAIRS, LOGS_EACH, MOVED_MM, NEAR_MM = (2, 3, 4, 6), 5, 2.0, 3.0
 Line = dict[str, Any]
 
 
@@ -49,7 +51,7 @@ def sights_of(
 
 
 def log_lines(
-    scanner: PairedScanner, frames: Sequence[SourceFrame], seed: int, rows: int = 60
+    scanner: PairedScanner, frames: Sequence[SourceFrame], seed: int, rows: int = 40
 ) -> tuple[list[FloatArray], FloatArray]:
     """Simulate a log's passage; return line integrals (rows, cells) of each pair and the places (marks, 3) of metal."""
     log, [lies] = (
@@ -64,15 +66,21 @@ def log_lines(
     return [-np.log(np.maximum(each, 1e-4)) for each in through], places
 
 
-def outcome(number: int, seed: int) -> Line:
-    """Return what one log gives on a machine that was calibrated."""
+@functools.cache
+def calibrated(number: int, seed: int) -> tuple[PairedScanner, list[SourceFrame], FoundPairs]:
+    """Return a machine, its true frames, and its calibration."""
     rng = np.random.default_rng((seed, number))
     scanner, true = machine(PAIRS[number % len(PAIRS)], rng)
     drawing, made = body(0.0, rng)
     about = {"rows": ROWS, "row_pitch_mm": ROW_PITCH_MM, "photons": PHOTONS, "seed": number}
     passed = simulate_passages(made, scanner, true, passages(2, 0.0, rng), Physics(BEAM, DETECTOR), **about)
     data = [data_of(*each) for each in zip(passed, scanner.pairs, strict=True)]
-    found = calibrate_pairs(PairsTask(scanner, drawing, data))
+    return scanner, true, calibrate_pairs(PairsTask(scanner, drawing, data))
+
+
+def outcome(number: int, seed: int) -> Line:
+    """Return what one log gives on a machine that was calibrated."""
+    scanner, true, found = calibrated(number // LOGS_EACH, seed)
     stacks, metal = log_lines(scanner, true, number)
     frames = [pair.frame for pair in found.pairs]
     known = np.array([pair.rays.rms_mm for pair in found.pairs]), found.scale_percent_95 / 100.0 / TWO_SIDED_95

@@ -15,6 +15,8 @@ from sawmill_tomography.statistics import exceeded_chi_square
 # How well the middles of shadows agree where nothing has moved: scattered radiation and hardening move them
 # (benchmarks/pair_logs.py). Marks on rays that moved by about this much are still found to belong together.
 SHADOWS_MM, MOVED_MM = 0.5, 3.0
+# A pair is named if what its motion alone leaves is less than this share of what that of any other one leaves.
+EXPLAINED = 0.25
 # Steps in which the middle of the shadows settles to a micrometre.
 STEPS = 4
 State = Literal["agree", "disagree", "not-told"]
@@ -28,7 +30,7 @@ class PairAgreement:
     # How far each pair's rays have moved if it alone did, and the half of the 95 % interval; none where not told.
     moved_mm: tuple[float, ...] = ()
     within_mm: tuple[float, ...] = ()
-    suspect: int | None = None  # number of the pair, from 1, that explains all of it
+    suspect: int | None = None  # number of the pair, from 1, whose motion alone explains this far best
     marks: int = 0  # number of marks that were used; the other witness is the middle of the shadows
 
 
@@ -79,8 +81,9 @@ def agreement(sights: Sights, tolerance_mm: float) -> PairAgreement:
     left, suspect = chi_square - own * moved**2, None
     state: State = "not-told"
     if chi_square > exceeded_chi_square(MISSED, count - 2):
-        state, alone = "disagree", [*np.flatnonzero(left < exceeded_chi_square(MISSED, max(count - 3, 1))) + 1]
-        suspect = int(alone[0]) if len(alone) == 1 else None
+        state, (best, next_best) = "disagree", np.sort(left)[:2]
+        if count > 3 and best < EXPLAINED * next_best:
+            suspect = int(left.argmin()) + 1
     elif (np.abs(moved) + within).max() <= tolerance_mm:
         state = "agree"
     return PairAgreement(state, (*moved.tolist(),), (*within.tolist(),), suspect, len(used))

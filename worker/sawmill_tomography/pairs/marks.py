@@ -128,7 +128,7 @@ class Sights:
         depths = np.hypot(*(np.linalg.lstsq(normals, distances)[0] - sources).T)
         bent = halves**2 / (2.0 * depths)
         if len(pairs) > 2:
-            distances -= bend(normals, halves**2) / depths
+            distances += bend(normals, halves**2) / depths
             bent = np.zeros_like(bent)
         known = np.hypot(np.hypot(MIDDLE_MM, bent), self.ray_errors_mm[pairs])
         weighted = normals / known[:, None]
@@ -144,9 +144,10 @@ class Sights:
 def bend(normals: FloatArray, squares_mm2: FloatArray) -> FloatArray:
     """Return the product of the places across and along each ray, (rays,), in the mean over a body.
 
-    Its squares across the rays (rays,) are n' V n with the normals n (rays, 2), and the product is n' V a, a along the
-    ray. The middle of a rod's shadow is off the ray through its middle by -n' V a / depth, V = v v' of half the rod.
+    Its squares across the rays (rays,) are n' V n with the normals n (rays, 2), and the product is n' V a with a along
+    the ray, a quarter turn counter-clockwise of n. The middle of a rod's shadow is off the ray through its middle by
+    -n' V a / depth, V = v v' of half the rod.
     """
     x, y = normals.T
     xx, xy, yy = np.linalg.lstsq(np.stack([x * x, 2.0 * x * y, y * y], -1), squares_mm2)[0]
-    return np.asarray(x * y * (xx - yy) + xy * (y * y - x * x))
+    return np.asarray(x * y * (yy - xx) + xy * (x * x - y * y))
