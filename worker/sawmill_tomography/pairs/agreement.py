@@ -67,12 +67,19 @@ def agreement(sights: Sights, tolerance_mm: float) -> PairAgreement:
     count = len(sights.marks)
     if count == 2:  # rays of two pairs always meet
         return PairAgreement("not-told")
-    bodies = [body for body in sights.bodies(MOVED_MM) if not body.is_ambiguous]
-    marks = [_meeting(body.normals, body.distances_mm, MIDDLE_MM, [*body.marks], count) for body in bodies]
     middles = _meeting(*shadow_middles(sights.pictures), SHADOWS_MM, range(count), count)
-    # A wrong set of marks fits no motion that others show: the largest number that fit none, or that of one, counts.
-    motions = [np.zeros(count), *(_shifts([middles, each])[0] for each in marks)]
-    used = max(([one for one in marks if _fits(one, motion)] for motion in motions), key=len)
+    still, loose = (
+        [
+            _meeting(body.normals, body.distances_mm, MIDDLE_MM, [*body.marks], count)
+            for body in sights.bodies(moved_mm)
+            if not body.is_ambiguous
+        ]
+        for moved_mm in (0.0, MOVED_MM)
+    )
+    # A wrong set of marks fits no motion that others show: the motion, or none, that the most rays agree on counts.
+    motions = [_shifts([middles, each])[0] for each in loose]
+    agreeing = [[one for one in loose if _fits(one, motion)] for motion in motions if _fits(middles, motion)]
+    used = max([still, *agreeing], key=lambda marks: sum(one.freedom for one in marks))
     shifts, covariance, seen = _shifts([middles, *used])
     information = np.linalg.pinv(covariance + seen * sights.ray_errors_mm**2 @ seen.T, rcond=1e-9)
     own = np.diag(information)
