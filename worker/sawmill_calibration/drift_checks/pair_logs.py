@@ -3,7 +3,7 @@
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -24,22 +24,22 @@ from sawmill_vocabulary import CellOrder, DataKind, ProgressCallback
 
 @dataclass(frozen=True)
 class LocatedMark:
-    """A nail, a stone or a dense knot: x, y and height along the feed, and their standard deviations, mm."""
+    """A nail, a stone or a dense knot."""
 
-    place_mm: tuple[float, ...]
-    deviations_mm: tuple[float, ...]
-    pairs: tuple[int, ...]  # the pairs that show it, from 1
-    residual_mm: float  # RMS distance of their rays from the place
-    is_ambiguous: bool  # its marks fit other places as well, which are listed too
+    place_mm: tuple[float, ...] = field(metadata={"description": "x, y in the common frame, and height on the feed."})
+    deviations_mm: tuple[float, ...] = field(metadata={"description": "Their standard deviations."})
+    pairs: tuple[int, ...] = field(metadata={"description": "The pairs that show it, from 1."})
+    residual_mm: float = field(metadata={"description": "RMS distance of the place from their rays."})
+    is_ambiguous: bool = field(metadata={"description": "Whether its marks fit other places too, which are listed."})
 
 
 @dataclass(frozen=True)
 class LogOnPairs:
     """What a log shows of itself, and of the pairs that it passed."""
 
-    marks: tuple[LocatedMark, ...]
-    unplaced: tuple[int, ...]  # number of each pair's marks that are in no place: too few pairs show them
-    agreement: PairAgreement
+    marks: tuple[LocatedMark, ...] = field(metadata={"description": "By height."})
+    unplaced: tuple[int, ...] = field(metadata={"description": "Number of each pair's marks that are in no place."})
+    agreement: PairAgreement = field(metadata={"description": "Whether the pairs still agree."})
 
 
 def locate_marks(
@@ -69,6 +69,8 @@ def locate_marks(
     aligned : Path, optional
         File of a scan with the log's rows by all pairs, for reconstructions; its geometry is written next to it as
         JSON.
+    on_progress : callable, optional
+        Called with an object that has the `fraction` of the work that is done, from 0 to 1, and its `stage`.
 
     Raises
     ------

@@ -1,7 +1,7 @@
-"""Whether fixed pairs still agree, by one log: its marks, and the middle of its shadows."""
+"""Whether fixed pairs still agree, by the marks of one log and the middles of the log's shadows."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -15,23 +15,26 @@ from sawmill_tomography.statistics import exceeded_chi_square
 # How well the middles of shadows agree where nothing has moved: scattered radiation and hardening move them
 # (benchmarks/pair_logs.py). Marks on rays that moved by about this much are still found to belong together.
 SHADOWS_MM, MOVED_MM = 0.5, 3.0
-# A pair is named if what its motion alone leaves is less than this share of what that of any other one leaves.
+# A pair is named if its motion alone leaves less than this share of the chi-square that any other one leaves.
 EXPLAINED = 0.25
 # Steps in which the middle of the shadows settles to a micrometre.
 STEPS = 4
-State = Literal["agree", "disagree", "not-told"]
+State = Literal["agree", "disagree", "unknown"]
 
 
 @dataclass(frozen=True)
 class PairAgreement:
-    """Whether the rays of all pairs meet; mm."""
+    """Whether the rays of all pairs meet."""
 
-    state: State
-    # How far each pair's rays have moved if it alone did, and the half of the 95 % interval; none where not told.
-    moved_mm: tuple[float, ...] = ()
-    within_mm: tuple[float, ...] = ()
-    suspect: int | None = None  # number of the pair, from 1, whose motion alone explains this far best
-    marks: int = 0  # number of marks that were used; the other witness is the middle of the shadows
+    state: State = field(metadata={"description": "`agree`, `disagree`, or `unknown`: this log shows neither."})
+    moved_mm: tuple[float, ...] = field(
+        default=(), metadata={"description": "How far each pair's rays have moved if it alone did; none of two pairs."}
+    )
+    within_mm: tuple[float, ...] = field(default=(), metadata={"description": "Half of the 95 % interval of each."})
+    suspect: int | None = field(
+        default=None, metadata={"description": "The pair, from 1, whose motion alone explains it far best."}
+    )
+    marks: int = field(default=0, metadata={"description": "Number of marks that were used."})
 
 
 class _Meeting(NamedTuple):
@@ -45,8 +48,8 @@ class _Meeting(NamedTuple):
 def shadow_middles(pictures: LogPictures) -> tuple[FloatArray, FloatArray]:
     """Return the ray of each pair through the log's centre of mass: normals (pairs, 2), distances (pairs,) mm.
 
-    With p across and a along the ray to a point at the depth t, the integrals of a shadow P(angle) tan^n / cos are
-    those of the attenuation times p^n / (t + a)^(n + 1), exactly. The mean of p a follows from those of p^2.
+    With p across and a along the ray to a point at the depth t, the integral of a shadow P(angle) tan^n / cos is the
+    integral of the attenuation times p^n / (t + a)^(n + 1), exactly. The means of p^2 give the means of p a.
     """
     profiles, views, centre = pictures.lines.mean(axis=1), pictures.views, np.zeros(2)
     for _ in range(STEPS):
@@ -63,10 +66,13 @@ def shadow_middles(pictures: LogPictures) -> tuple[FloatArray, FloatArray]:
 
 
 def agreement(sights: Sights, tolerance_mm: float) -> PairAgreement:
-    """Estimate how far rays of each pair have moved against those of the others, from points in which they meet."""
+    """Estimate how far the rays of each pair have moved against all others, from points in which they meet.
+
+    The pairs agree where no pair's motion can exceed `tolerance_mm`, with 95 %.
+    """
     count = len(sights.marks)
     if count == 2:  # rays of two pairs always meet
-        return PairAgreement("not-told")
+        return PairAgreement("unknown")
     middles = _meeting(*shadow_middles(sights.pictures), SHADOWS_MM, range(count), count)
     still, loose = (
         [
@@ -86,7 +92,7 @@ def agreement(sights: Sights, tolerance_mm: float) -> PairAgreement:
     moved, within = information @ shifts / own, TWO_SIDED_95 / np.sqrt(own)
     chi_square = float(shifts @ information @ shifts)
     left, suspect = chi_square - own * moved**2, None
-    state: State = "not-told"
+    state: State = "unknown"
     if chi_square > exceeded_chi_square(MISSED, count - 2):
         state, (best, next_best) = "disagree", np.sort(left)[:2]
         if count > 3 and best < EXPLAINED * next_best:

@@ -9,8 +9,9 @@ from sawmill_tomography.geometry.detector_shape import cell_points
 from sawmill_tomography.geometry.geometry import FanViews, FloatArray, GeometryError, SourceFrame
 from sawmill_vocabulary import FixedPair
 
-# Cells at either end of a detector show air: less than this share of the picture's largest line integral.
-END_CELLS, AIR_SHARE = 5, 0.1
+# Cells at either end of a detector show air: less than this share of the picture's largest line integral. A row shows
+# a log by twice that share, and by this line integral.
+END_CELLS, AIR_SHARE, LEAST_SHADOW = 5, 0.1, 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +46,7 @@ def log_pictures(
     places, rows = [], np.arange(len(stacks[0])) - 0.5 * (len(stacks[0]) - 1)
     for number, (stack, pair, frame) in enumerate(zip(stacks, pairs, frames, strict=True), 1):
         deepest = stack.max(axis=1)
-        if not np.median(deepest) > 2.0 * AIR_SHARE * deepest.max():
+        if not np.median(deepest) > max(2.0 * AIR_SHARE * deepest.max(), LEAST_SHADOW):
             raise GeometryError(f"pair {number} shows a log in less than half of its rows: record the log alone")
         if max(np.median(stack[:, :END_CELLS]), np.median(stack[:, -END_CELLS:])) > AIR_SHARE * deepest.max():
             raise GeometryError(f"the log leaves the detector of pair {number}: the cells at its end show no air")

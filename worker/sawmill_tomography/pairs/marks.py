@@ -13,14 +13,14 @@ from sawmill_tomography.pairs.log_pictures import LogPictures
 from sawmill_tomography.statistics import exceeded_chi_square, noise_of_differences
 
 # What these constants give is measured by benchmarks/pair_logs.py.
-# Half a window of the median that shows the log without narrow marks, mm; a mark stands out by this line integral, and
+# Half a window of the median that shows the log without narrow marks, mm; a mark exceeds it by this line integral, and
 # by this number of standard deviations of the noise.
 SMOOTH_MM, LEAST, SIGNIFICANT = 12.0, 0.15, 6.0
 # A mark is narrower than this along the feed or across it, and its middle is known to this, mm.
 NARROW_MM, MIDDLE_MM = 24.0, 0.25
 # Chance to miss a body that its pairs show, and the distance within which places of the same marks are one body's, mm.
 MISSED, ONE_BODY_MM = 1e-3, 6.0
-# Of three or more pairs, this number must show a body: rays of two always meet, those of different bodies too.
+# Of three or more pairs, this number must show a body: rays of two always meet, even of different bodies.
 LEAST_PAIRS = 3
 
 

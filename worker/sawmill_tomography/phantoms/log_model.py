@@ -58,7 +58,7 @@ class _Knot:
 
 @dataclass(frozen=True)
 class Nail:
-    """A rod of steel across the log: its middle (x, y, height), half of its length along x and y, and its radius."""
+    """A rod of steel across the log: middle (x, y, height), half of the length along x and y, and radius."""
 
     place_mm: tuple[float, float, float]
     half_mm: tuple[float, float]

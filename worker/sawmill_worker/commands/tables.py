@@ -230,7 +230,7 @@ def print_marks(log: LogOnPairs) -> None:
     sentence = {
         "agree": "The pairs agree",
         "disagree": "The pairs do not agree: one has moved" + (f", probably pair {suspect}" if suspect else ""),
-        "not-told": "This log does not tell whether the pairs agree",
+        "unknown": "This log does not show whether the pairs agree",
     }[log.agreement.state]
     console = Console()
     console.print(table)
