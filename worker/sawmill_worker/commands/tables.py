@@ -224,7 +224,7 @@ def print_marks(log: LogOnPairs) -> None:
     for mark in log.marks:
         numbers = (f"{at:.2f} ± {off:.2f}" for at, off in zip(mark.place_mm, mark.deviations_mm, strict=True))
         pairs = ", ".join(map(str, mark.pairs)) + " or elsewhere" * mark.is_ambiguous
-        table.add_row(*numbers, pairs, f"{mark.residual_mm:.2f}")
+        table.add_row(*numbers, pairs, f"{mark.residual_mm:.2f}" if len(mark.pairs) > 2 else "-")
     shifts = [f"{at:+.2f} ± {off:.2f}" for at, off in zip(log.agreement.moved_mm, log.agreement.within_mm, strict=True)]
     suspect = log.agreement.suspect
     sentence = {
