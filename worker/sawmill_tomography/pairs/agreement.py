@@ -15,6 +15,8 @@ from sawmill_tomography.statistics import exceeded_chi_square
 # How well the middles of shadows agree where nothing has moved: scattered radiation and hardening move them
 # (benchmarks/pair_logs.py). Marks on rays that moved by about this much are still found to belong together.
 SHADOWS_MM, MOVED_MM = 0.5, 3.0
+# What all marks of a pair may be off alike, mm, so that many marks do not make small errors significant.
+COMMON_MM = 0.15
 # A pair is named if its motion alone leaves less than this share of the chi-square that any other one leaves.
 EXPLAINED = 0.25
 # Steps in which the middle of the shadows settles to a micrometre.
@@ -87,7 +89,8 @@ def agreement(sights: Sights, tolerance_mm: float) -> PairAgreement:
     agreeing = [[one for one in loose if _fits(one, motion)] for motion in motions if _fits(middles, motion)]
     used = max([still, *agreeing], key=lambda marks: sum(one.freedom for one in marks))
     shifts, covariance, seen = _shifts([middles, *used])
-    information = np.linalg.pinv(covariance + seen * sights.ray_errors_mm**2 @ seen.T, rcond=1e-9)
+    common = sights.ray_errors_mm**2 + COMMON_MM**2
+    information = np.linalg.pinv(covariance + seen * common @ seen.T, rcond=1e-9)
     own = np.diag(information)
     moved, within = information @ shifts / own, TWO_SIDED_95 / np.sqrt(own)
     chi_square = float(shifts @ information @ shifts)

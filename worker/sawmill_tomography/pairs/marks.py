@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations, product
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +20,8 @@ SMOOTH_MM, LEAST, SIGNIFICANT = 12.0, 0.15, 6.0
 NARROW_MM, MIDDLE_MM = 24.0, 0.25
 # Chance to miss a body that its pairs show, and the distance within which places of the same marks are one body's, mm.
 MISSED, ONE_BODY_MM = 1e-3, 6.0
+# Heights of one body's marks differ by less than this number of rows.
+NEAR_ROWS = 2.5
 # Of three or more pairs, this number must show a body: rays of two always meet, even of different bodies.
 LEAST_PAIRS = 3
 
@@ -103,12 +105,15 @@ class Sights:
 
     def _candidates(self, moved_mm: float) -> Iterator[Body]:
         """Place each two marks of different pairs, with the marks of other pairs that fit best."""
+        heights = [np.array([mark.height_mm for mark in own]) for own in self.marks]
+        near_mm = NEAR_ROWS * np.ptp(self.pictures.heights_mm[:2])
         for first, second in combinations(range(len(self.marks)), 2):
-            for one, other in product(range(len(self.marks[first])), range(len(self.marks[second]))):
+            for one, other in np.argwhere(np.abs(heights[first][:, None] - heights[second]) < near_mm).tolist():
                 if (body := self._placed({first: one, second: other}, moved_mm)) is None:
                     continue
                 for pair in set(range(len(self.marks))) - {first, second}:
-                    more = [self._placed({**body.marks, pair: at}, moved_mm) for at in range(len(self.marks[pair]))]
+                    near = np.flatnonzero(np.abs(heights[pair] - body.place_mm[2]) < near_mm).tolist()
+                    more = [self._placed({**body.marks, pair: at}, moved_mm) for at in near]
                     body = min((one for one in more if one is not None), key=lambda one: one.chi_square, default=body)
                 yield body
 
