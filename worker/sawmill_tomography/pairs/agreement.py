@@ -11,6 +11,7 @@ from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.pairs.log_pictures import LogPictures
 from sawmill_tomography.pairs.marks import MIDDLE_MM, MISSED, Sights, bend
 from sawmill_tomography.statistics import exceeded_chi_square
+from sawmill_vocabulary.outlines import described
 
 # How well the middles of shadows agree where nothing has moved: scattered radiation and hardening move them
 # (benchmarks/pair_logs.py). Marks on rays that moved by about this much are still found to belong together.
@@ -28,15 +29,13 @@ State = Literal["agree", "disagree", "unknown"]
 class PairAgreement:
     """Whether the rays of all pairs meet."""
 
-    state: State = field(metadata={"description": "`agree`, `disagree`, or `unknown`: this log shows neither."})
-    moved_mm: tuple[float, ...] = field(
-        default=(), metadata={"description": "How far each pair's rays have moved if it alone did; none of two pairs."}
-    )
-    within_mm: tuple[float, ...] = field(default=(), metadata={"description": "Half of the 95 % interval of each."})
+    state: State = field(metadata=described("`agree`, `disagree`, or `unknown`: this log shows neither."))
+    moved_mm: tuple[float, ...] = field(default=(), metadata=described("How far each pair's rays have moved if alone."))
+    within_mm: tuple[float, ...] = field(default=(), metadata=described("Half of the 95 % interval of each."))
     suspect: int | None = field(
-        default=None, metadata={"description": "The pair, from 1, whose motion alone explains it far best."}
+        default=None, metadata=described("The pair, from 1, whose motion explains it far best.")
     )
-    marks: int = field(default=0, metadata={"description": "Number of marks that were used."})
+    marks: int = field(default=0, metadata=described("Number of marks that were used."))
 
 
 class _Meeting(NamedTuple):
