@@ -99,7 +99,6 @@ def outcome(number: int, seed: int) -> Line:
         "false": int((off.min(axis=0) > NEAR_MM).sum()),
         "states": [before.state, then.state],
         "suspect": then.suspect,
-        "covered": [abs(at) < wide for at, wide in zip(before.moved_mm, before.within_mm, strict=True)],
     }
 
 
