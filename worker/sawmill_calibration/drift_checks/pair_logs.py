@@ -77,30 +77,33 @@ def locate_marks(
     ValueError
         `InputError`: a file cannot be used, or the log leaves a detector.
     """
-    given = read_paired_scanner(Path(scanner)).pairs
+    given = read_paired_scanner(Path(scanner))
     with input_errors_translated():
         known = read_json(
             Path(calibration), FixedPairsResult, code="calibration", otherwise="no answer of calibrate-pairs --json"
         )
-    if not len(scans) == len(given) == len(known.pairs):
-        numbers = f"{len(scans)} files, {len(given)} pairs, and {len(known.pairs)} calibrated ones"
+    if not len(scans) == len(given.pairs) == len(known.pairs):
+        numbers = f"{len(scans)} files, {len(given.pairs)} pairs, and {len(known.pairs)} calibrated ones"
         raise refused("contradiction", f"a log passes once, a file for each pair: there are {numbers}")
-    sources = sources_of([Path(path) for path in scans], read_paired_scanner(Path(scanner)), DataKind(data))
-    stacks, pitch_mm = list[FloatArray](), math.nan
-    for number, (source, pair, found) in enumerate(zip(sources, given, known.pairs, strict=True), 1):
+    sources = sources_of([Path(path) for path in scans], given, DataKind(data))
+    stacks, pitches_mm = list[FloatArray](), list[float]()
+    for number, (source, pair, found) in enumerate(zip(sources, given.pairs, known.pairs, strict=True), 1):
         report = part_of(on_progress, (number - 1) / len(sources), number / len(sources))
         opened = open_rows(source, source_to_cor_mm=pair.source_distance_mm, on_progress=report)
         with named_file(f"pair {number}"), opened as rows:
-            stack, own_mm = rows.stack(), rows.scanner.row_pitch_mm
-        pitch_mm = own_mm or math.nan if number == 1 else pitch_mm
+            stack = rows.stack()
+            pitches_mm.append(rows.scanner.row_pitch_mm or 0.0)
         due = (1, len(stacks[0]) if stacks else stack.shape[1], pair.num_detector_pixels)
-        if stack.shape != due or own_mm != pitch_mm:
-            shape = f"{stack.shape}, {own_mm} mm apart, and {due}, {pitch_mm:g} mm apart, is due"
-            raise refused("other-detector", f"pair {number} has (views, rows, cells) = {shape}: a log has one view")
+        if stack.shape != due or pitches_mm[-1] != pitches_mm[0] or not pitches_mm[0]:
+            shape = f"{stack.shape}, {pitches_mm[-1]:g} mm apart, and {due}, {pitches_mm[0]:g} mm apart, is due"
+            raise refused(
+                "other-detector",
+                f"pair {number} has (views, rows, cells) = {shape}: a log has one view, and rows with a distance",
+            )
         way = -1 if found.cell_order is CellOrder.COUNTER_CLOCKWISE else 1
         stacks.append(bridged(stack[0, :, ::way].astype(np.float64)))
     with input_errors_translated():
-        pictures = log_pictures(stacks, given, [pair.source_frame for pair in known.pairs], pitch_mm)
+        pictures = log_pictures(stacks, given.pairs, [pair.source_frame for pair in known.pairs], pitches_mm[0])
     if aligned is not None:
         _write_aligned(pictures, aligned)
     marks = [marks_of(lines, pictures.cells_mm, pictures.heights_mm) for lines in pictures.lines]
