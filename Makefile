@@ -173,6 +173,11 @@ study-passages: install-dev
 study-pairs: install-dev
 	@$(BIN)/python benchmarks/fixed_pairs.py $(OPTIONS)
 
+# Logs on random scanners of fixed pairs: places of nails, and whether the pairs agree; half an hour. OPTIONS: --logs N,
+# --out FILE, --write.
+study-pair-logs: install-dev
+	@$(BIN)/python benchmarks/pair_logs.py $(OPTIONS)
+
 # Numbers of the calibration that change nothing, each set aside in turn on 100 scans; hours. OPTIONS: --scans N,
 # --part N/M (one of M parts), --only NAME, --list.
 study-limits: install-dev

@@ -25,6 +25,7 @@ GROUPS = {
     "Calibrate a scanner of fixed pairs": (
         *("calibrate_fixed_pairs", "PairedScanner", "FixedPair"),
         *("FixedPairsResult", "CalibratedPair", "BoardPose"),
+        *("locate_marks", "LogOnPairs", "LocatedMark", "PairAgreement"),
     ),
     "Reconstruct": ("reconstruct", "Reconstruction"),
     "Check for drift": ("drift", "Drift"),

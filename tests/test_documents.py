@@ -223,7 +223,7 @@ def test_scans_are_simulated_as_their_page_has_it(tmp_path, monkeypatch, capsys)
 def test_fixed_pairs_are_calibrated_as_their_page_has_it(tmp_path, monkeypatch):
     page = (ROOT / "docs/do/fixed-pairs.md").read_text()
     monkeypatch.chdir(tmp_path)
-    simulated, calibrated = script(page).splitlines()
+    simulated, calibrated, *of_log = script(page).splitlines()
     run_in_process(simulated)
     answer = in_process(*shlex.split(calibrated)[1:])
     assert "4 pairs with L-shape: pass" in answer
@@ -233,6 +233,10 @@ def test_fixed_pairs_are_calibrated_as_their_page_has_it(tmp_path, monkeypatch):
     assert [" ".join(words.split()) for words in shown[::2]] == [" ".join(words.split()) for words in written[::2]]
     assert np.array(shown[1::2], float) == pytest.approx(np.array(written[1::2], float), abs=0.004, rel=1e-3)
     assert (tmp_path / "ring.png").read_bytes().startswith(b"\x89PNG")
+    Path("calibrated.json").write_text(in_process(*shlex.split(calibrated)[1:], "--json"))
+    for line in filter(None, of_log):
+        in_process(*shlex.split(line)[1:])
+    assert (tmp_path / "log.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_two_scans_are_packed_as_their_page_has_it(tmp_path, monkeypatch):

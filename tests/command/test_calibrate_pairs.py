@@ -151,8 +151,8 @@ def test_a_passage_of_air_is_refused(failure, two, passed, tmp_path):
     assert refusal["detail"].startswith("pair 2 sees nothing of the board in one of its passages")
 
 
-def test_passages_of_a_log_and_a_turning_scan_too_are_wrong_use(wrong_use, two, tmp_path):
+def test_passages_of_a_log_with_a_phantom_and_a_turning_scan_too_are_wrong_use(wrong_use, two, tmp_path):
     of = ("--pairs", two, "-o", tmp_path / "out.h5")
-    assert "--pairs passes a phantom, not 'log'" in wrong_use("simulate", "log", *of)
+    assert "--pairs passes a phantom or a log" in wrong_use("simulate", "log-with-phantom", "--rows", 9, *of)
     assert "one of them, not both" in wrong_use("simulate", "l-shape", *of, "--theta", "0,700,0,0,0")
     assert "'--theta' or '--pairs'" in wrong_use("simulate", "l-shape", "-o", tmp_path / "out.h5")

@@ -18,7 +18,7 @@ from sawmill_contracts.phantoms import PhantomDrawing
 from sawmill_formats.input.angles import AngleSteps
 from sawmill_formats.output.scan_writer import new_scan, write_raw_scan
 from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, FloatArray, SourceFrame, to_vector
-from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM, log_slices
+from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM, LogModel, log_slices
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.physics.passages import Passage, simulate_passages
 from sawmill_tomography.projection.simulate import UNEQUAL_CELLS, SimulatedStack, simulate_rows, simulate_stack
@@ -162,7 +162,7 @@ def random_passages(count: int, seed: int) -> list[Passage]:
 
 def write_passages(
     path: Path,
-    body: Phantom,
+    body: Phantom | None,
     scanner: PairedScanner,
     physics: Physics | None = None,
     *,
@@ -173,21 +173,23 @@ def write_passages(
     photons: float,
     seed: int,
 ) -> list[Path]:
-    """Simulate passages of a body through fixed pairs into a file of counts for each pair; return the files.
+    """Simulate passages of a phantom, or a log with nails, through fixed pairs into a file for each; return the files.
 
     The true places of the pairs are off the scanner's by `off_mm`, and by a tenth of as many degrees (standard
-    deviations); a further file, whose name ends in `-true.json`, has them as a scanner.
+    deviations); a further file, whose name ends in `-true.json`, has them as a scanner. For a log, one that ends in
+    `-marks.json` has the places (x, y, height) of metal and nails in each passage, mm in the same axes.
     """
     rng = np.random.default_rng((seed, passages))
     spread = off_mm * np.array([math.radians(0.1), 1.0, 1.0, 1.0, math.radians(0.1)])
     frames = [
         SourceFrame.from_vector(to_vector(pair.frame) + spread * rng.standard_normal(5)) for pair in scanner.pairs
     ]
+    lies, log = random_passages(passages, seed), LogModel.with_nails(seed, length_mm=rows * row_pitch_mm)
     passed = simulate_passages(
-        body.centred(),
+        log.slice_about_middle if body is None else body.centred(),
         scanner,
         frames,
-        random_passages(passages, seed),
+        lies,
         physics or UNEQUAL_CELLS,
         rows=rows,
         row_pitch_mm=row_pitch_mm,
@@ -199,6 +201,9 @@ def write_passages(
         flats, darks = (np.repeat(fields[:, None], rows, axis=1) for fields in (one.flats, one.darks))
         stack = SimulatedStack(one.counts, flats, darks)
         write_simulated_scan(file, stack, np.zeros(passages), pair.scanner, row_pitch_mm)
+    if body is None:
+        marks = [[lie.place_of(place) for place in log.metal_places_mm] for lie in lies]
+        path.with_name(f"{path.stem}-marks.json").write_text(json.dumps({"passages": marks}, indent=2) + "\n")
     true = PairedScanner(tuple(pair.at(frame) for pair, frame in zip(scanner.pairs, frames, strict=True)))
     path.with_name(f"{path.stem}-true.json").write_bytes(TypeAdapter(PairedScanner).dump_json(true, indent=2) + b"\n")
     return files

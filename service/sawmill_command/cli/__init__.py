@@ -24,4 +24,5 @@ COMMANDS = {
     "budget": f"{__name__}.report",
     "image-quality": f"{__name__}.reconstruct",
     "calibrate-pairs": f"{__name__}.calibrate_pairs",
+    "locate-marks": f"{__name__}.calibrate_pairs",
 }

@@ -47,7 +47,9 @@ def simulate(
     theta: Annotated[Theta | None, ThetaFlag] = None,
     pairs: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", exists=True, dir_okay=False, help="Fixed pairs, through which a phantom passes."),
+        typer.Option(
+            metavar="FILE", exists=True, dir_okay=False, help="Fixed pairs, through which a phantom or log passes."
+        ),
     ] = None,
     passages: Annotated[int, typer.Option(min=1, max=8, help="Passages through the pairs, each in another roll.")] = 2,
     places_off_mm: Annotated[
@@ -136,15 +138,17 @@ def _write_passages(
     output: Path,
     **settings: Any,  # noqa: ANN401 - of `write_passages`
 ) -> None:
-    """Simulate a phantom's passages through fixed pairs, a file for each."""
-    if body in set(PhantomShape):
-        raise typer.BadParameter(f"--pairs passes a phantom, not {body!r}: name a phantom or its drawing.")
+    """Simulate passages of a phantom or a log through fixed pairs, a file for each."""
+    if body == PhantomShape.LOG_WITH_PHANTOM:
+        raise typer.BadParameter(f"--pairs passes a phantom or a log, not {body!r}: pass them one after the other.")
     with answering():
         from sawmill_calibration import simulation
         from sawmill_calibration.calibration.fixed_pairs import read_paired_scanner
         from sawmill_calibration.known_geometry import drawing_of
 
-        [drawn] = simulation.phantom_slices(drawing_of(body, width_mm), 1, handedness, (0.0, 0.0), as_wood=True)
+        drawn = None
+        if body != PhantomShape.LOG:
+            [drawn] = simulation.phantom_slices(drawing_of(body, width_mm), 1, handedness, (0.0, 0.0), as_wood=True)
         effects = None if physics is None else simulation.read_physics(physics)
         files = simulation.write_passages(output, drawn, read_paired_scanner(pairs), effects, **settings)
     say(f"{settings['passages']} passages, {settings['rows']} row(s): {', '.join(map(str, files))}")

@@ -141,7 +141,7 @@ def calibrate_passages(
         report = part_of(on_progress, 0.5 * number / len(sources), 0.5 * (number + 1) / len(sources))
         named = f"pair {pair + 1}" + (f", passage {passage + 1}" if len(sources) > len(pairs) else "")
         with (
-            _named(named),
+            named_file(named),
             open_rows(source, source_to_cor_mm=pairs[pair].source_distance_mm, on_progress=report) as rows,
         ):
             files[pair].append(_PassageFile(rows, rows.stack()))
@@ -177,7 +177,7 @@ def calibrate_passages(
 
 
 @contextmanager
-def _named(file: str) -> Iterator[None]:
+def named_file(file: str) -> Iterator[None]:
     """Begin the sentence of a refusal with the file's place among the others."""
     try:
         with input_errors_translated():

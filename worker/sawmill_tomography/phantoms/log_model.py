@@ -11,7 +11,7 @@ varies by 2.7 %, half of it by a wave of four periods. So an outline is a polygo
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -42,6 +42,8 @@ WAVES, WAVE_SPREADS = np.arange(2, 7), np.array((0.0145, 0.017, 0.014, 0.0078, 0
 WAVE_RADII, WAVE_CORRELATION = np.linspace(0.0, 1.0, 5), 0.74
 # Corners of an outline: within 0.3 mm of its curve, and no slower to project than discs.
 CORNERS = 48
+# Nails across the log: number, lengths, and how far from the outline's centre the head is, in radii of the log.
+NAILS, NAIL_LENGTHS_MM, NAIL_HEAD = 4, (40.0, 70.0), 0.92
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,24 @@ class _Knot:
     length: float
     radius_mm: float
     rise: float
+
+
+@dataclass(frozen=True)
+class Nail:
+    """A rod of steel across the log: middle (x, y, height), half of the length along x and y, and radius."""
+
+    place_mm: tuple[float, float, float]
+    half_mm: tuple[float, float]
+    radius_mm: float = 1.75
+
+    def cut(self, height_mm: float) -> list[Shape]:
+        """Return the part that lies in the plane of a slice."""
+        (x, y, middle), (a, b) = self.place_mm, self.half_mm
+        if abs(height_mm - middle) >= self.radius_mm:
+            return []
+        wide = math.sqrt(self.radius_mm**2 - (height_mm - middle) ** 2) / math.hypot(a, b)
+        ends = ((-1.0, 1.0), (1.0, 1.0), (1.0, -1.0), (-1.0, -1.0))
+        return [Polygon(tuple((x + s * a + t * wide * b, y + s * b - t * wide * a) for s, t in ends), METAL_PER_MM)]
 
 
 @dataclass(frozen=True)
@@ -68,6 +88,7 @@ class LogModel:
     metal_mm: tuple[float, float]
     metal_height_mm: float
     metal_radius_mm: float = 2.5
+    nails: tuple[Nail, ...] = ()
 
     @classmethod
     def random(cls, seed: int, *, radius_mm: float = 130.0, length_mm: float = 400.0) -> "LogModel":
@@ -93,6 +114,28 @@ class LogModel:
         rings, waves = _random_rings(rng, radius_mm), _random_waves(rng)
         return cls(radius_mm, (float(x), float(y)), rings, waves, tuple(knots), metal, 0.5 * length_mm)
 
+    @classmethod
+    def with_nails(cls, seed: int, *, length_mm: float) -> "LogModel":
+        """Make a log with nails that point about to its centre, within this length about the metal's height."""
+        log, rng = cls.random(seed, length_mm=max(SHORTEST_LOG_MM, length_mm)), np.random.default_rng((seed, 1))
+        nails = list[Nail]()
+        for height in log.metal_height_mm + rng.uniform(-0.4, 0.4, NAILS) * length_mm:
+            at, half = rng.uniform(0.0, TAU), 0.5 * rng.uniform(*NAIL_LENGTHS_MM)
+            lean, head = at + rng.uniform(-0.35, 0.35), NAIL_HEAD * log.radius_mm
+            a, b = half * math.cos(lean), half * math.sin(lean)
+            nails.append(Nail((head * math.cos(at) - a, head * math.sin(at) - b, float(height)), (a, b)))
+        return replace(log, nails=tuple(nails))
+
+    @property
+    def metal_places_mm(self) -> list[tuple[float, float, float]]:
+        """Middles (x, y, height) of the metal and the nails; heights count from the metal's."""
+        nails = [(x, y, height - self.metal_height_mm) for x, y, height in (nail.place_mm for nail in self.nails)]
+        return [(*self.metal_mm, 0.0), *nails]
+
+    def slice_about_middle(self, height_mm: float) -> Phantom:
+        """Return the cross-section at a height that counts from the metal's."""
+        return self.slice_at(height_mm + self.metal_height_mm)
+
     def slice_at(self, height_mm: float) -> Phantom:
         """Return the cross-section at a height, densities in attenuation per mm."""
         shapes: list[Shape] = [*self._clear_wood]
@@ -100,6 +143,7 @@ class LogModel:
         shapes += [cut for cut in cuts if cut is not None]
         if abs(height_mm - self.metal_height_mm) < 4.0 * self.metal_radius_mm:
             shapes.append(Disc(self.metal_mm, self.metal_radius_mm, METAL_PER_MM))
+        shapes += [shape for nail in self.nails for shape in nail.cut(height_mm)]
         return Phantom(f"log at {height_mm:g} mm", tuple(shapes))
 
     def outline(self, relative_radius: float) -> tuple[tuple[float, float], ...]:

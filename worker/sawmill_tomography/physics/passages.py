@@ -1,11 +1,11 @@
 """Passages of a body through a scanner of fixed pairs: counts with flat and dark fields of each pair."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from sawmill_tomography.geometry.geometry import FloatArray, SourceFrame
+from sawmill_tomography.geometry.geometry import FloatArray, SourceFrame, rotate
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.physics.body import Motion, stand
 from sawmill_tomography.physics.simulate import (
@@ -33,6 +33,13 @@ class Passage:
     slope: tuple[float, float] = (0.0, 0.0)  # of the place, mm per mm
     twist_rad_per_mm: float = 0.0
 
+    def place_of(self, point_mm: tuple[float, float, float]) -> tuple[float, float, float]:
+        """Return where a point (x, y, height) of the body lies in the scanner, mm."""
+        *across, height = point_mm
+        rolled = np.array(rotate(self.roll_rad + height * self.twist_rad_per_mm, *across))
+        x, y = rolled + self.place_mm + height * np.array(self.slope)
+        return float(x), float(y), height
+
 
 @dataclass(frozen=True, eq=False)
 class PassedPair:
@@ -44,7 +51,7 @@ class PassedPair:
 
 
 def simulate_passages(
-    body: Phantom,
+    body: Phantom | Callable[[float], Phantom],
     scanner: PairedScanner,
     frames: Sequence[SourceFrame],
     passages: Sequence[Passage],
@@ -55,12 +62,13 @@ def simulate_passages(
     photons: float = 30_000.0,
     seed: int,
 ) -> list[PassedPair]:
-    """Simulate passages of a body, the same at each height, through a scanner whose pairs have these true frames.
+    """Simulate passages of a body through a scanner whose pairs have these true frames.
 
     Parameters
     ----------
-    body : Phantom
-        The body from the side that is seen; densities in attenuation per mm.
+    body : Phantom, or callable
+        The body from the side that is seen, the same at each height, or its cross-section at a height in mm; densities
+        in attenuation per mm.
     frames : sequence of SourceFrame
         The true geometry of each pair.
     rows, row_pitch_mm : int, float
@@ -73,7 +81,6 @@ def simulate_passages(
     GeometryError
         If the body reaches a source, or counts do not fit 16 bits.
     """
-    wood = stand(body, effects.wood, np.random.default_rng((seed, _WOOD)))
     heights = (np.arange(rows) - 0.5 * (rows - 1)) * row_pitch_mm
     passed = []
     for number, (pair, frame) in enumerate(zip(scanner.pairs, frames, strict=True)):
@@ -82,8 +89,14 @@ def simulate_passages(
         views = len(passages) * rows
         offsets = np.concatenate([one.place_mm + at[:, None] * one.slope for one in passages])
         rolls = np.concatenate([one.roll_rad + at * one.twist_rad_per_mm for one in passages])
-        motion = Motion(np.zeros(views), rolls, offsets, np.zeros((views, 2)), None)
-        through = transmission(wood, pair.scanner, frame, motion, effects, 0.0)
+        sections = [body] if isinstance(body, Phantom) else [body(float(height)) for height in at]
+        through = np.empty((views, cells))
+        for first, section in enumerate(sections):
+            wood = stand(section, effects.wood, np.random.default_rng((seed, _WOOD)))
+            seen = slice(first, None, len(sections))
+            still = np.zeros_like(offsets[seen])
+            motion = Motion(still[:, 0], rolls[seen], offsets[seen], still, None)
+            through[seen] = transmission(wood, pair.scanner, frame, motion, effects, 0.0)
         received = _received(through, pair.detector_pitch_mm, effects, len(passages), (seed, number, _TUBE))
         noise = np.random.default_rng((seed, number, _NOISE))
         exposed = converter.expose(photons * received, noise)

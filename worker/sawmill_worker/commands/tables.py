@@ -8,6 +8,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Column, Table
 
+from sawmill_calibration.drift_checks.pair_logs import LogOnPairs
 from sawmill_calibration.pictures import report_numbers as numbers
 from sawmill_calibration.scans.pack import ScanPack
 from sawmill_contracts.calibrations import CalibrationResult
@@ -215,6 +216,27 @@ def print_image_quality(quality: ImageQuality) -> None:
     for number, (side, contrast) in enumerate(zip(quality.patch_mm, quality.contrast_percent, strict=True), 1):
         lines += [f"contrast discrimination, patches of {side:.3g} mm: {contrast:.3g} %"] * (number.bit_count() == 1)
     Console().print("\n".join(lines), highlight=False, markup=False)
+
+
+def print_marks(log: LogOnPairs) -> None:
+    """Print the places of a log's marks, and how far the pairs agree."""
+    table = Table("x, mm", "y, mm", "along the feed, mm", "pairs", "residual, mm", title=f"{len(log.marks)} marks")
+    for mark in log.marks:
+        numbers = (f"{at:.2f} ± {off:.2f}" for at, off in zip(mark.place_mm, mark.deviations_mm, strict=True))
+        pairs = ", ".join(map(str, mark.pairs)) + " or elsewhere" * mark.is_ambiguous
+        table.add_row(*numbers, pairs, f"{mark.residual_mm:.2f}" if len(mark.pairs) > 2 else "-")
+    shifts = [f"{at:+.2f} ± {off:.2f}" for at, off in zip(log.agreement.moved_mm, log.agreement.within_mm, strict=True)]
+    suspect = log.agreement.suspect
+    sentence = {
+        "agree": "The pairs agree",
+        "disagree": "The pairs do not agree: one has moved" + (f", probably pair {suspect}" if suspect else ""),
+        "unknown": "This log does not show whether the pairs agree",
+    }[log.agreement.state]
+    console = Console()
+    console.print(table)
+    console.print(f"{sentence}; mm, of each pair if it alone has moved: {', '.join(shifts) or 'not known'}.")
+    if sum(log.unplaced):
+        console.print(f"{sum(log.unplaced)} more marks are in no place: too few pairs show them, or they do not meet.")
 
 
 def print_pack(packed: ScanPack) -> None:

@@ -1,0 +1,131 @@
+"""Logs on a scanner of fixed pairs: marks in three dimensions, whether the pairs still agree, and scans for images."""
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from sawmill_calibration.calibration.fixed_pairs import bridged, named_file, read_paired_scanner, sources_of
+from sawmill_calibration.failures import input_errors_translated, read_json, refused
+from sawmill_calibration.scans.scan_rows import open_rows, part_of, unreported
+from sawmill_calibration.view_vectors import vectors_of
+from sawmill_contracts.fixed_pairs import FixedPairsResult
+from sawmill_formats.output.scan_writer import new_scan
+from sawmill_tomography.calibration.scale import TWO_SIDED_95
+from sawmill_tomography.geometry.geometry import FloatArray
+from sawmill_tomography.pairs.agreement import PairAgreement, agreement
+from sawmill_tomography.pairs.log_pictures import LogPictures, log_pictures
+from sawmill_tomography.pairs.marks import Body, Sights, marks_of
+from sawmill_vocabulary import CellOrder, DataKind, ProgressCallback
+
+
+@dataclass(frozen=True)
+class LocatedMark:
+    """A nail, a stone or a dense knot."""
+
+    place_mm: tuple[float, ...] = field(metadata={"description": "x, y in the common frame, and height on the feed."})
+    deviations_mm: tuple[float, ...] = field(metadata={"description": "Their standard deviations."})
+    pairs: tuple[int, ...] = field(metadata={"description": "The pairs that show it, from 1."})
+    residual_mm: float = field(metadata={"description": "RMS distance of the place from their rays."})
+    is_ambiguous: bool = field(metadata={"description": "Whether its marks fit other places too, which are listed."})
+
+
+@dataclass(frozen=True)
+class LogOnPairs:
+    """What a log shows of itself, and of the pairs that it passed."""
+
+    marks: tuple[LocatedMark, ...] = field(metadata={"description": "By height."})
+    unplaced: tuple[int, ...] = field(metadata={"description": "Number of each pair's marks that are in no place."})
+    agreement: PairAgreement = field(metadata={"description": "Whether the pairs still agree."})
+
+
+def locate_marks(
+    scans: Sequence[str | Path],
+    scanner: str | Path,
+    calibration: str | Path,
+    *,
+    data: DataKind | str = DataKind.COUNTS,
+    tolerance_mm: float = 1.0,
+    aligned: Path | None = None,
+    on_progress: ProgressCallback = unreported,
+) -> LogOnPairs:
+    """Find marks of a log that passed a scanner of fixed pairs once, and check the pairs by it.
+
+    Parameters
+    ----------
+    scans : sequence of path
+        A file for each pair, in the order of the scanner's, with one view; the rows run along the feed.
+    scanner : path
+        JSON of the pairs with their cells and offsets along the feed.
+    calibration : path
+        What `sawmill calibrate-pairs --json` printed.
+    data : str
+        Kind of the numbers, `counts` or `line-integrals`.
+    tolerance_mm : float
+        The pairs agree where none can have moved by more than this, with 95 %.
+    aligned : Path, optional
+        File of a scan with the log's rows by all pairs, for reconstructions; its geometry is written next to it as
+        JSON.
+    on_progress : callable, optional
+        Called with an object that has the `fraction` of the work that is done, from 0 to 1, and its `stage`.
+
+    Raises
+    ------
+    ValueError
+        `InputError`: a file cannot be used, or the log leaves a detector.
+    """
+    given = read_paired_scanner(Path(scanner))
+    with input_errors_translated():
+        known = read_json(
+            Path(calibration), FixedPairsResult, code="calibration", otherwise="no answer of calibrate-pairs --json"
+        )
+    if not len(scans) == len(given.pairs) == len(known.pairs):
+        numbers = f"{len(scans)} files, {len(given.pairs)} pairs, and {len(known.pairs)} calibrated ones"
+        raise refused("contradiction", f"a log passes once, a file for each pair: there are {numbers}")
+    sources = sources_of([Path(path) for path in scans], given, DataKind(data))
+    stacks, pitches_mm = list[FloatArray](), list[float]()
+    for number, (source, pair, found) in enumerate(zip(sources, given.pairs, known.pairs, strict=True), 1):
+        report = part_of(on_progress, (number - 1) / len(sources), number / len(sources))
+        opened = open_rows(source, source_to_cor_mm=pair.source_distance_mm, on_progress=report)
+        with named_file(f"pair {number}"), opened as rows:
+            stack = rows.stack()
+            pitches_mm.append(rows.scanner.row_pitch_mm or 0.0)
+        due = (1, len(stacks[0]) if stacks else stack.shape[1], pair.num_detector_pixels)
+        if stack.shape != due or pitches_mm[-1] != pitches_mm[0] or not pitches_mm[0]:
+            shape = f"{stack.shape}, {pitches_mm[-1]:g} mm apart, and {due}, {pitches_mm[0]:g} mm apart, is due"
+            raise refused(
+                "other-detector",
+                f"pair {number} has (views, rows, cells) = {shape}: a log has one view, and rows with a distance",
+            )
+        way = -1 if found.cell_order is CellOrder.COUNTER_CLOCKWISE else 1
+        stacks.append(bridged(stack[0, :, ::way].astype(np.float64)))
+    with input_errors_translated():
+        pictures = log_pictures(stacks, given.pairs, [pair.source_frame for pair in known.pairs], pitches_mm[0])
+    if aligned is not None:
+        _write_aligned(pictures, aligned)
+    marks = [marks_of(lines, pictures.cells_mm, pictures.heights_mm) for lines in pictures.lines]
+    errors = np.array([pair.predicted_rms_mm for pair in known.pairs])
+    sights = Sights(pictures, marks, errors, known.scale_uncertainty_percent / 100.0 / TWO_SIDED_95)
+    bodies = sights.bodies()
+    unplaced = [len(own) - len({body.marks.get(pair) for body in bodies} - {None}) for pair, own in enumerate(marks)]
+    return LogOnPairs((*map(_located, bodies),), (*unplaced,), agreement(sights, tolerance_mm))
+
+
+def _located(body: Body) -> LocatedMark:
+    off = body.distances_mm - body.normals @ body.place_mm[:2]
+    numbers = (*body.place_mm.tolist(),), (*body.deviations_mm.tolist(),), (*sorted(pair + 1 for pair in body.marks),)
+    return LocatedMark(*numbers, math.sqrt(float(np.mean(off**2))), body.is_ambiguous)
+
+
+def _write_aligned(pictures: LogPictures, path: Path) -> None:
+    """Write the rows of all pairs as a scan, a view for each pair, and its geometry as JSON."""
+    cell_mm, row_mm = (float(at[1] - at[0]) for at in (pictures.cells_mm, pictures.heights_mm))
+    of_views = path, pictures.lines.shape
+    angles_rad = pictures.views.angles_rad
+    with new_scan(*of_views, angles_rad=angles_rad, detector_pitch_mm=cell_mm, row_pitch_mm=row_mm) as scan:
+        scan.data[...] = pictures.lines
+        scan.note(air_level=None, provenance={"made_by": "sawmill locate-marks"})
+    path.with_suffix(".json").write_text(json.dumps(vectors_of(pictures.views)))
