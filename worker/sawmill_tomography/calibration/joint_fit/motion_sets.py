@@ -38,7 +38,7 @@ MOST_MOTIONS, LEFT = 6, 3
 SUSPECTED = -2.0
 # Where something moves, the bound counts any other motion as likelier by this factor: what is loose moves again
 # (benchmarks/families.py).
-UNSTEADY = 2.0
+UNSTEADY = 3.0
 # An effect that is likelier than this is named alone, and otherwise with at most this number of others.
 NAMED, OTHERS = 0.5, 2
 # A slip may be this number of views away from where it was found.
