@@ -59,8 +59,7 @@ class QueueSettings(BaseSettings):
         "429. What the service itself asks for, as by a schedule, waits beside them.",
     )
     max_queued_jobs_per_key: Annotated[int, Field(ge=1)] = Field(
-        5_000,
-        description="Of these, jobs that were asked for with one key: the 4 000 jobs of a busy day have room.",
+        5_000, description="Of these, jobs that were asked for with one key: the 4 000 jobs of a busy day have room."
     )
 
 

@@ -168,10 +168,7 @@ def list_history(
 )
 def get_history_file(scanner_id: Identifier, which: Annotated[HistoryFilter, Query()], store: TheStore) -> Response:
     """Return the same entries, the oldest first, as CSV (RFC 4180) with one line of column names."""
-    headers = {
-        "Content-Disposition": f'attachment; filename="{scanner_id}-history.csv"',
-        "Cache-Control": "no-store",
-    }
+    headers = {"Content-Disposition": f'attachment; filename="{scanner_id}-history.csv"', "Cache-Control": "no-store"}
     return Csv(history_csv(store.history.all(scanner_id, **which.model_dump())), headers=headers)
 
 
