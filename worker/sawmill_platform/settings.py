@@ -81,9 +81,7 @@ class StorageSettings(DataSettings, QueueSettings):
     @property
     def is_made(self) -> bool:
         """True if there is a store, which a first start makes; a database server is assumed to have one."""
-        if not self.data_folder.is_dir():
-            return False
-        return self.database_file is None or self.database_file.is_file()
+        return self.data_folder.is_dir() and (self.database_file is None or self.database_file.is_file())
 
     @property
     def database_file(self) -> Path | None:

@@ -171,8 +171,7 @@ def webhooks(store: WebhookStore, allowed: list[str]) -> Iterator[DoctorFinding]
         yield bad("webhooks", sentence, f"set {SETTING}, or disable them (/system/webhooks)")
         return
     failing = [webhook for webhook in every if webhook.state in {WebhookState.RETRYING, WebhookState.PAUSED}]
-    for webhook in failing:
-        yield _failing(webhook)
+    yield from map(_failing, failing)
     if not failing:
         yield good("webhooks", f"{len(enabled)} of {len(every)} are enabled, and none fails")
 

@@ -223,8 +223,7 @@ _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 def history_csv(batches: Iterable[list[HistoryEntry]]) -> Iterator[str]:
     """Yield the text in parts: the line of names, then a part for each batch; at most one batch is in memory."""
     yield _lines([COLUMNS])
-    for batch in batches:
-        yield _lines(map(_values, batch))
+    yield from (_lines(map(_values, batch)) for batch in batches)
 
 
 def _values(entry: HistoryEntry) -> list[str]:
