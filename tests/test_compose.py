@@ -99,8 +99,7 @@ def test_the_proxy_alone_is_reached_and_the_api_believes_it_alone(document, serv
     reached = {name: service["ports"] for name, service in services.items() if "ports" in service}
     assert reached == {"proxy": ["443:8443"]}
     inside = {name for name, network in document["networks"].items() if (network or {}).get("internal")}
-    reach_out = {name for name, service in services.items() if set(service["networks"]) - inside}
-    assert reach_out == {"proxy"}
+    assert {name for name, service in services.items() if set(service["networks"]) - inside} == {"proxy"}
     [front] = document["networks"]["front"]["ipam"]["config"]
     fixed = {name: services[name]["networks"]["front"]["ipv4_address"] for name in ("proxy", "api")}
     assert all(ip_address(address) in ip_network(front["subnet"]) for address in fixed.values())

@@ -13,7 +13,6 @@ import io
 import re
 from itertools import count
 from pathlib import Path
-from typing import Any
 
 import nbformat
 from nbclient import NotebookClient
@@ -65,19 +64,16 @@ def clean(notebook: nbformat.NotebookNode) -> None:
     for cell in notebook.cells:
         cell.metadata = {}
         for output in cell.get("outputs", []):
-            _clean(output.get("data", {}))
-            for text in (output.get("text", ""), output.get("data", {}).get(HTML, "")):
+            data = output.get("data", {})
+            if HTML in data:
+                data[HTML] = TIME_ROW.sub("", data[HTML])
+                data.pop(PLAIN, None)
+            if PNG in data:
+                data[PNG] = with_few_colours(data[PNG])
+                data[PLAIN] = "<Figure>"
+            for text in (output.get("text", ""), data.get(HTML, "")):
                 if match := ABSOLUTE_PATH.search(text):
                     raise ValueError(f"an output has an absolute path: {text[match.start() : match.start() + 80]!r}")
-
-
-def _clean(data: dict[str, Any]) -> None:
-    if HTML in data:
-        data[HTML] = TIME_ROW.sub("", data[HTML])
-        data.pop(PLAIN, None)
-    if PNG in data:
-        data[PNG] = with_few_colours(data[PNG])
-        data[PLAIN] = "<Figure>"
 
 
 def with_few_colours(png: str) -> str:

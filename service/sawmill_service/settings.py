@@ -211,6 +211,4 @@ class ServiceSettings(NetworkSettings, UploadSettings, ClientSettings):
             address = ip_address(self.host)
         except ValueError:  # a name
             return [self.host]
-        if address.is_unspecified:
-            return []
-        return [self.host if address.version == 4 else f"[{self.host}]"]
+        return [] if address.is_unspecified else [self.host if address.version == 4 else f"[{self.host}]"]

@@ -21,8 +21,7 @@ KNOWN = {"cor_column_mm": COR_MM, "cor_column_sd_mm": 0.001, "tilt_deg": TILT_DE
 
 def turn(scanner, views):
     theta = discs.nominal_frame(COR_MM, math.radians(TILT_DEG)).theta(scanner.source_to_cor_mm)
-    scan = sawmill.simulate_phantom_scan(PHANTOM, scanner, theta, views=views, noise=0.002)
-    return scan.line_integrals[:, 0]
+    return sawmill.simulate_phantom_scan(PHANTOM, scanner, theta, views=views, noise=0.002).line_integrals[:, 0]
 
 
 def published(folder, sinogram, **changes):

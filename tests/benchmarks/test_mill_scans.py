@@ -43,8 +43,7 @@ def test_a_clean_scan_has_nothing_but_unequal_cells_and_a_size():
     physics = StudyScan.of(0, SEED).physics
     size = physics.wood.size_percent
     detector = dataclasses.replace(Physics().detector, gain_spread=mill_scans.GAIN_SPREAD)
-    expected = Physics(detector=detector, wood=dataclasses.replace(Physics().wood, size_percent=size))
-    assert physics == expected
+    assert physics == Physics(detector=detector, wood=dataclasses.replace(Physics().wood, size_percent=size))
     assert 0.0 < abs(size) < 1.0
 
 

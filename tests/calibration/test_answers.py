@@ -75,8 +75,7 @@ def test_a_simulated_scan_and_its_calibration_are_the_command_s(phantom_file, sc
     np.testing.assert_allclose(read.angles_rad, scan.angles_rad, rtol=1e-15)
     assert read.rows == scan.rows == (0, 2)
     assert read.scanner == scan.scanner == SCANNER
-    found = sawmill.calibrate(read, "l-shape")
-    found.save(tmp_path / "RESULT.json")
+    sawmill.calibrate(read, "l-shape").save(tmp_path / "RESULT.json")
     printed, saved = json.loads(result_file.read_text()), json.loads((tmp_path / "RESULT.json").read_text())
     assert lasting(saved) == lasting(printed)
     assert saved["input_sha256"] == printed["input_sha256"]
@@ -144,8 +143,7 @@ def wide_stack():
 def test_the_rows_of_a_log_are_the_second_witness_and_count_within_the_scan(wide_stack):
     found = sawmill.calibrate(wide_stack, "l-shape", rows="0:2", log_rows="2:4").result
     assert (found.rows, found.log_check.log_rows, found.log_check.used) == ((0, 2), (2, 4), "both")
-    alone = sawmill.calibrate(wide_stack.select(rows="0:2"), "l-shape").result
-    assert alone.log_check is None
+    assert sawmill.calibrate(wide_stack.select(rows="0:2"), "l-shape").result.log_check is None
     found = sawmill.calibrate(replace(wide_stack, rows=(10, 14)), "l-shape", rows="0:2", log_rows="2:4").result
     assert (found.rows, found.log_check.log_rows) == ((10, 12), (12, 14))
 

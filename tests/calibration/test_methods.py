@@ -22,7 +22,6 @@ from sawmill_tomography.phantoms.phantom import Disc, Phantom
 from sawmill_tomography.projection.analytic import DetectorCells, project
 from sawmill_tomography.reconstruction.choosing import METHODS
 from sawmill_tomography.reconstruction.quality import relative_error
-from sawmill_vocabulary import ReconstructionMethod
 
 pytestmark = pytest.mark.slow
 
@@ -278,10 +277,6 @@ def test_an_option_of_another_method_is_refused(options, message):
 @pytest.mark.parametrize("options", [{}, {"method": "tikhonov", "alpha": 3.0}])
 def test_a_request_with_the_earlier_rule_for_alpha_is_still_read(options):
     assert ReconstructionOptions(alpha_rule="discrepancy", **options).alpha_rule == "discrepancy"
-
-
-def test_every_method_is_in_the_table():
-    assert set(METHODS) == set(ReconstructionMethod) - {ReconstructionMethod.AUTO}
 
 
 @pytest.mark.parametrize("name", METHODS)

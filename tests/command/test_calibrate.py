@@ -65,8 +65,7 @@ def test_fewer_views_keep_their_own_angles_and_flags_limit_what_is_tried(run, ph
     document = calibrated(run, phantom_scan, *KNOWN, *L, "--views", 20, *limits)
     assert (document["views"], len(document["hypotheses"])) == (20, 1)
     assert error_mm(document) < 0.1
-    psi = TRUTH.source_frame(859.46).psi_rad
-    assert abs(math.degrees(document["source_frame"]["psi_rad"] - psi)) < 0.2
+    assert abs(math.degrees(document["source_frame"]["psi_rad"] - TRUTH.source_frame(859.46).psi_rad)) < 0.2
 
 
 def test_rows_are_averaged(run, phantom_scan, result_file):

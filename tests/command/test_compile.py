@@ -98,8 +98,7 @@ def test_byte_code_of_our_code_and_of_the_libraries_is_compiled_where_it_is_miss
     assert Path(cache_from_source(str(tmp_path / "whole.py"))).is_file()
     assert not Path(cache_from_source(str(tmp_path / "template.py"))).exists()
     for package in (sawmill_service, sawmill_worker, np):
-        folders = Path(package.__file__).parents
-        assert {str(folder) for folder in folders} & bytecode_folders()
+        assert {str(folder) for folder in Path(package.__file__).parents} & bytecode_folders()
 
 
 MOST_BYTES = 5 * 2**20

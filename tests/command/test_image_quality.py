@@ -33,8 +33,7 @@ def test_the_page_s_command_measures_a_disc_in_a_calibrated_scanner(run, result_
     wide = (*GEOMETRY, "--detector-pixels", 256, "--detector-pitch-mm", 4.508593749, "--data", "line-integrals")
     run("simulate", disc_scan.with_suffix(".json"), *wide, "-o", "disc.h5")
     (block,) = re.findall(r"^```sh\nsawmill (.*?)^```$", PAGE.read_text(), re.MULTILINE | re.DOTALL)
-    first = run(*block.split()).stdout.splitlines()[0]
-    radius_mm, pixel_mm = map(float, re.findall(r"\d+\.\d+", first))
+    radius_mm, pixel_mm = map(float, re.findall(r"\d+\.\d+", run(*block.split()).stdout.splitlines()[0]))
     assert (radius_mm, pixel_mm) == pytest.approx((80.0, 0.3906), abs=0.1)
 
 

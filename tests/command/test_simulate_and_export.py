@@ -306,8 +306,7 @@ def matrix(gantry_deg: float) -> np.ndarray:
     c, s = np.cos(np.deg2rad(gantry_deg)), np.sin(np.deg2rad(gantry_deg))
     shift = np.array([[1, 0, SOURCE - PROJECTION], [0, 1, 0], [0, 0, 1]])
     magnify = np.array([[-SDD, 0, 0, 0], [0, -SDD, 0, 0], [0, 0, 1, -SID]])
-    turn = np.array([[c, 0, -s, -SOURCE], [0, 1, 0, 0], [s, 0, c, 0], [0, 0, 0, 1]])
-    return shift @ magnify @ turn
+    return shift @ magnify @ np.array([[c, 0, -s, -SOURCE], [0, 1, 0, 0], [s, 0, c, 0], [0, 0, 0, 1]])
 
 
 NAMED = {

@@ -119,8 +119,7 @@ def test_what_compose_starts_does_a_mill_s_work(composed, mill, phantom_scan):
         assert "event: end" in list(lines)
     wait_for_end(mill, lost["job_id"])
     wait_until(lambda: "schedule-ran" in composed.log("short-worker").read_text(), "the schedule run")
-    runs = mill.get(f"/v1/schedules/{schedule['id']}/runs").json()
-    assert [run["outcome"] for run in runs] == ["queued"]
+    assert [run["outcome"] for run in mill.get(f"/v1/schedules/{schedule['id']}/runs").json()] == ["queued"]
     for name in ("worker", "short-worker"):
         assert landlock.version() == 0 or "attempts-not-confined" not in composed.log(name).read_text()
     assert set(composed.down().values()) == {0}

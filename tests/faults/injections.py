@@ -36,8 +36,7 @@ def redis_trouble(trial: Trial) -> None:
     """Kill, pause and empty Redis, and once take it away for long."""
     server = trial.redis
     assert server is not None
-    away_s = 600.0 if trial.long else 15.0
-    waits = {"killed": 0.5, "away": away_s}
+    waits = {"killed": 0.5, "away": 600.0 if trial.long else 15.0}
     for what in _mixed(trial, ("killed", "paused", "flushed", "away"), once="away"):
         if what == "flushed":
             server.flush()

@@ -143,8 +143,7 @@ def test_a_catalogue_has_the_texts_of_the_pages_and_no_others(language, texts_of
 def test_every_text_is_translated_with_its_places(language):
     stored = catalogue(language)
     for message in stored:
-        forms = [message.string] if isinstance(message.string, str) else message.string
-        assert all(forms), message.id
+        assert all([message.string] if isinstance(message.string, str) else message.string), message.id
         assert not message.fuzzy, message.id
         if message.id:
             for check in checkers:

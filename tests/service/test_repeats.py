@@ -102,8 +102,7 @@ def test_the_key_of_another_request_is_refused_and_that_of_another_caller_is_ano
     for name in ("one", "other"):
         secret = store.keys.create(KeyRequest(name=name, scope=Scope.SUBMIT)).secret
         headers = named("once") | {"Authorization": f"Bearer {secret}"}
-        answers = [seeded.post("/v1/calibrations", json=ASK, headers=headers).json()["id"] for _ in range(2)]
-        ids |= set(answers)
+        ids |= {seeded.post("/v1/calibrations", json=ASK, headers=headers).json()["id"] for _ in range(2)}
     assert (len(ids), len(store.jobs.page(kind=kinds.CALIBRATE).items)) == (2, 5)
 
 

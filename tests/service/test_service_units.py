@@ -72,8 +72,7 @@ def install(*arguments: object, code: int = 0) -> Result:
 
 @pytest.mark.parametrize("name", ["sawmill.service", "sawmill-worker@.service"])
 def test_a_unit_starts_a_command_as_its_own_user_within_limits_that_leave_attempts_room(name):
-    unit = parsed(Installation(program()).units()[name])
-    service = unit["Service"]
+    service = parsed(Installation(program()).units()[name])["Service"]
     for start in (*service["ExecStart"], service["ExecStartPre"][0].removeprefix("-")):
         command, subcommand = shlex.split(start)
         assert os.access(command, os.X_OK)

@@ -235,8 +235,7 @@ def test_a_kill_leaves_both_or_neither(store, settings, scanner, moment):
         os.kill(os.getpid(), signal.SIGKILL)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
     kept = store.repeats.find(ASKED)
-    again = accept(store)
-    assert isinstance(again, KeptAnswer) is (moment == "committed") is (kept is not None)
+    assert isinstance(accept(store), KeptAnswer) is (moment == "committed") is (kept is not None)
     scan, *others = store.scans.page().items
     assert others == []
     assert len(store.jobs.page().items) == 1

@@ -41,8 +41,7 @@ class ProcessorSeconds:
         return report
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        folder = PurePosixPath(report.nodeid.partition("::")[0]).parent
-        self._by_folder[str(folder)] += report.processor_s
+        self._by_folder[str(PurePosixPath(report.nodeid.partition("::")[0]).parent)] += report.processor_s
 
     @pytest.hookimpl(optionalhook=True)
     def pytest_testnodedown(self, node: Any) -> None:

@@ -46,8 +46,7 @@ def test_the_mtf_falls_to_a_tenth_where_aperture_filter_and_pixel_say(name, scal
     # A ray that touches the rim leaves the source at asin(r / R), and meets a flat detector aslant.
     aslant = np.sqrt(1.0 - (radius_mm / GEOMETRY.frame.source_distance_mm) ** 2) ** 3
     f = np.linspace(0.0, 1.5, 15_001)
-    aperture = np.sinc(f * CELL_MM * aslant)
-    expected = aperture * transfer(f * aslant, name, scaling, 200.0 / pixels, CELL_MM)
+    expected = np.sinc(f * CELL_MM * aslant) * transfer(f * aslant, name, scaling, 200.0 / pixels, CELL_MM)
     assert quality.mtf_10_per_mm == pytest.approx(f[np.argmax(expected < 0.1)], rel=0.02)
     assert quality.radius_mm == pytest.approx(radius_mm, abs=0.05)
     listed = np.array(quality.frequencies_per_mm)

@@ -274,9 +274,12 @@ class Drift:
     def _repr_html_(self) -> str:
         result, deviation = self.result, self.result.change_standard_deviation
         verdicts = {True: "within tolerance", False: "not within tolerance", None: "too uncertain to decide"}
-        rows = [("rays", f"{result.ray_change_mm:.3g} ± {result.ray_change_uncertainty_mm:.2g} mm")]
-        for name, label in (("cor_column_mm", "COR on the detector, mm"), ("tilt_rad", "tilt, rad")):
-            rows.append((label, f"{getattr(result.change, name):+.3g} ± {getattr(deviation, name):.2g}"))
+        change = result.change
+        rows = [
+            ("rays", f"{result.ray_change_mm:.3g} ± {result.ray_change_uncertainty_mm:.2g} mm"),
+            ("COR on the detector, mm", f"{change.cor_column_mm:+.3g} ± {deviation.cor_column_mm:.2g}"),
+            ("tilt, rad", f"{change.tilt_rad:+.3g} ± {deviation.tilt_rad:.2g}"),
+        ]
         if (zero := result.baseline) is not None:
             since, spread = zero.change.cor_column_mm, zero.change_standard_deviation.cor_column_mm
             rows.append((f"since {zero.checks} first logs: COR, mm", f"{since:+.3g} ± {spread:.2g}"))

@@ -86,7 +86,7 @@ def from_predicted(
 ) -> calibrations.PredictedRayError:
     """Convert the ray error that a covariance predicts inside a disc, and the contrast that it costs, to the contract.
 
-    The arguments are those of `predicted_ray_error`.
+    `predicted_ray_error` explains the arguments.
     """
     return calibrations.PredictedRayError(
         rms=predicted.rms_mm,

@@ -202,8 +202,7 @@ class PredictedRayError(Contract):
     )
     radius_mm: float = Field(description="Radius of the disc in which rays are compared, mm.", examples=[150.0])
     contrast_loss: ContrastLoss | None = Field(
-        None,
-        description="Losses that are not exceeded in 95 of 100 cases. Null: an answer of an earlier version.",
+        None, description="Losses that are not exceeded in 95 of 100 cases. Null: an answer of an earlier version."
     )
 
 

@@ -87,9 +87,7 @@ def _as_dataset(value: Any) -> Any:  # noqa: ANN401 - walks any JSON value
         array = np.array(value)
     except ValueError:
         return json.dumps(value)
-    if array.dtype.kind in "biuf":
-        return array
-    return json.dumps(value)
+    return array if array.dtype.kind in "biuf" else json.dumps(value)
 
 
 DEFINITION = "NXtomoproc"

@@ -40,7 +40,7 @@ class AnythingMoved:
     """The third question about one calibration, with a number, its limit and the reason."""
 
     answer: Answer  # `no`: the scanner has moved; `look`: the phantom or the scanner moved during the scan
-    reason: Reason  # how the scanner stands against the calibration that was in use
+    reason: Reason  # how the scanner compares with the calibration that was in use
     slip: Reason | None = None  # what moved during the scan; None: nothing
     # moved_mm, limit_mm: RMS distance by which the rays moved since the calibration that was in use; None without one.
     moved_mm: float | None = None

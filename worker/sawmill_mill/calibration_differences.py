@@ -19,7 +19,7 @@ DEVIATIONS = 1.96
 class Difference:
     """A number of the source frame in two calibrations."""
 
-    name: str  # field of `SourceFrame`; its ending is the unit, and that of all values here
+    name: str  # field of `SourceFrame`; its ending is the unit, also of all values here
     first: float
     second: float
     change: float  # the second value less the first; of the first angle by the shorter way round

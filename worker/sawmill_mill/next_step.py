@@ -333,9 +333,7 @@ def _of_scale(result: CalibrationResult, both: TwoQuestions, *, active: bool) ->
     explained = (each for each in result.explanations if (each.code or "").startswith("scale-"))
     first = next(explained, CodedReason.of(measure) if measure is not None else _first(result))
     step = _because(StepMessage.SCALE_IN_USE if active else StepMessage.SCALE, first)
-    if active and not is_size:
-        return replace(step, button=Button.SCAN_AGAIN)
-    return step
+    return replace(step, button=Button.SCAN_AGAIN) if active and not is_size else step
 
 
 def _first(result: CalibrationResult) -> CodedReason | None:

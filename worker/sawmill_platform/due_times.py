@@ -7,6 +7,7 @@ means each hour that passes.
 """
 
 from collections.abc import Iterator
+from contextlib import suppress
 from datetime import UTC, datetime
 from functools import cache
 from zoneinfo import ZoneInfo, available_timezones
@@ -31,11 +32,9 @@ def next_due(cron: str, time_zone: str, after: datetime) -> datetime:
     if time_zone not in time_zones():
         msg = f"time_zone must be a name of the tz database, as Europe/Helsinki or UTC, not {time_zone!r}"
         raise Invalid("invalid-zone", msg)
-    try:
+    with suppress(CronSimError, StopIteration):
         if len(cron.split()) == 5:  # cronsim would take a sixth, seconds
             return next(_times(cron, time_zone, after))
-    except (CronSimError, StopIteration):
-        pass
     msg = (
         "cron must be five fields, minute hour day month weekday, that come true at some time, "
         f"as in '30 5 * * 1-6', not {cron!r}"

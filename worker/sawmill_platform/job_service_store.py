@@ -53,10 +53,7 @@ _ASKED = {
         "SQLite",
         "SELECT sqlite_version(), page_count * page_size FROM pragma_page_count(), pragma_page_size()",
     ),
-    "postgresql": (
-        "PostgreSQL",
-        "SELECT current_setting('server_version'), pg_database_size(current_database())",
-    ),
+    "postgresql": ("PostgreSQL", "SELECT current_setting('server_version'), pg_database_size(current_database())"),
 }
 
 

@@ -59,8 +59,7 @@ class QueueSettings(BaseSettings):
         "429. What the service itself asks for, as by a schedule, waits beside them.",
     )
     max_queued_jobs_per_key: Annotated[int, Field(ge=1)] = Field(
-        5_000,
-        description="Of these, jobs that were asked for with one key: the 4 000 jobs of a busy day have room.",
+        5_000, description="Of these, jobs that were asked for with one key: the 4 000 jobs of a busy day have room."
     )
 
 
@@ -82,9 +81,7 @@ class StorageSettings(DataSettings, QueueSettings):
     @property
     def is_made(self) -> bool:
         """True if there is a store, which a first start makes; a database server is assumed to have one."""
-        if not self.data_folder.is_dir():
-            return False
-        return self.database_file is None or self.database_file.is_file()
+        return self.data_folder.is_dir() and (self.database_file is None or self.database_file.is_file())
 
     @property
     def database_file(self) -> Path | None:

@@ -114,10 +114,7 @@ class CalibrationRow(Answered):
     """A calibration. It outlives its schedule, whose id it keeps."""
 
     __tablename__ = "calibrations"
-    __table_args__ = (
-        Index(None, "scanner_id", "created_at"),
-        Index("ix_calibrations_by_age", "created_at", "id"),
-    )
+    __table_args__ = (Index(None, "scanner_id", "created_at"), Index("ix_calibrations_by_age", "created_at", "id"))
 
     scanner_id: Mapped[str] = mapped_column(ForeignKey("scanners.id"))
     scan_id: Mapped[str] = mapped_column(String(64), index=True)
@@ -139,10 +136,7 @@ class ReconstructionRow(Answered):
     """A reconstruction."""
 
     __tablename__ = "reconstructions"
-    __table_args__ = (
-        Index(None, "scanner_id", "created_at"),
-        Index("ix_reconstructions_by_age", "created_at", "id"),
-    )
+    __table_args__ = (Index(None, "scanner_id", "created_at"), Index("ix_reconstructions_by_age", "created_at", "id"))
 
     scanner_id: Mapped[str] = mapped_column(ForeignKey("scanners.id"))
     scan_id: Mapped[str] = mapped_column(String(64), index=True)

@@ -306,9 +306,8 @@ class _Folder:
             failure = self._store.jobs.get(scan.job_id).failure
             raise _Refused("cancelled" if failure is None else failure.code, scan.reason or "it could not be read")
         with open_regular(file, inside) as source:
-            if _signature(source) == (scan.size_bytes, copied_ns):
-                return True
-            if hashlib.file_digest(source, "sha256").hexdigest() == scan.sha256:
+            is_untouched = _signature(source) == (scan.size_bytes, copied_ns)
+            if is_untouched or hashlib.file_digest(source, "sha256").hexdigest() == scan.sha256:
                 return True
         raise _Refused("file-changed", f"it was written to after it was taken; scan {scan_id} has what it was then")
 

@@ -41,9 +41,8 @@ def database(storage: StorageSettings, settings: ServiceSettings) -> Iterator[Do
             yield _migration(report)
             if report.migration == report.newest_migration:
                 damaged = store.damage()
-                damage = good("tables", "whole, and of this version")
-                if damaged:
-                    damage = bad("tables", f"the database's file is damaged: {damaged[0]}", _RESTORE)
+                whole = good("tables", "whole, and of this version")
+                damage = bad("tables", f"the database's file is damaged: {damaged[0]}", _RESTORE) if damaged else whole
                 yield damage
                 folder = _folder(store)
                 yield folder
@@ -86,9 +85,7 @@ def backup(folder: Path) -> DoctorFinding:
     if newest.lacking:
         sentence += f", and lacks {newest.lacking} files that rows name"
         return bad("backup", sentence, "take one by hand, which names them: sawmill backup FOLDER")
-    if age > _OLD:
-        return watch("backup", sentence, _TAKE)
-    return good("backup", sentence)
+    return watch("backup", sentence, _TAKE) if age > _OLD else good("backup", sentence)
 
 
 def broker(url: str | None) -> DoctorFinding:
@@ -174,8 +171,7 @@ def webhooks(store: WebhookStore, allowed: list[str]) -> Iterator[DoctorFinding]
         yield bad("webhooks", sentence, f"set {SETTING}, or disable them (/system/webhooks)")
         return
     failing = [webhook for webhook in every if webhook.state in {WebhookState.RETRYING, WebhookState.PAUSED}]
-    for webhook in failing:
-        yield _failing(webhook)
+    yield from map(_failing, failing)
     if not failing:
         yield good("webhooks", f"{len(enabled)} of {len(every)} are enabled, and none fails")
 

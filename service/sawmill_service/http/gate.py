@@ -166,7 +166,7 @@ def _refusal(scope: Scope, refused: Refused) -> Response:
 
 
 def _login_before(scope: Scope, headers: Headers) -> str:
-    """Return the path of the login, with the page to show afterwards: that of the form where one was sent."""
+    """Return the path of the login, with the page to show afterwards: the form's where one was sent."""
     path, query = scope["path"], scope["query_string"].decode("latin-1")
     if of_form := scope["method"] != "GET":
         page = urlsplit(headers.get("referer", ""))

@@ -252,9 +252,8 @@ def _on_stored(request: Request, error: Exception) -> JSONResponse:
     if status is None:
         raise error  # ours, not the client's
     code = cast("StorageError | FileError", error).code
-    headers = COME_BACK if status == HTTPStatus.SERVICE_UNAVAILABLE or isinstance(error, Busy) else None
-    if isinstance(error, QueueFull):
-        headers = {"Retry-After": str(error.retry_after_s)}
+    later = COME_BACK if status == HTTPStatus.SERVICE_UNAVAILABLE or isinstance(error, Busy) else None
+    headers = {"Retry-After": str(error.retry_after_s)} if isinstance(error, QueueFull) else later
     return problem_response(request.url.path, status, code, str(error), headers=headers)
 
 

@@ -168,10 +168,7 @@ def list_history(
 )
 def get_history_file(scanner_id: Identifier, which: Annotated[HistoryFilter, Query()], store: TheStore) -> Response:
     """Return the same entries, the oldest first, as CSV (RFC 4180) with one line of column names."""
-    headers = {
-        "Content-Disposition": f'attachment; filename="{scanner_id}-history.csv"',
-        "Cache-Control": "no-store",
-    }
+    headers = {"Content-Disposition": f'attachment; filename="{scanner_id}-history.csv"', "Cache-Control": "no-store"}
     return Csv(history_csv(store.history.all(scanner_id, **which.model_dump())), headers=headers)
 
 
@@ -226,8 +223,7 @@ _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 def history_csv(batches: Iterable[list[HistoryEntry]]) -> Iterator[str]:
     """Yield the text in parts: the line of names, then a part for each batch; at most one batch is in memory."""
     yield _lines([COLUMNS])
-    for batch in batches:
-        yield _lines(map(_values, batch))
+    yield from (_lines(map(_values, batch)) for batch in batches)
 
 
 def _values(entry: HistoryEntry) -> list[str]:

@@ -103,8 +103,7 @@ def test_16_bit_gives_the_values_back(rng):
 
 
 def test_16_bit_takes_a_window(rng):
-    grey = np.asarray(decoded(image_png16(rng.random((8, 8)), window=(10.0, 20.0), **PLACE)))
-    assert grey.max() == 0
+    assert np.asarray(decoded(image_png16(rng.random((8, 8)), window=(10.0, 20.0), **PLACE))).max() == 0
 
 
 @pytest.mark.parametrize(("views", "cells"), [(360, 768), (20, 768), (3, 5)])

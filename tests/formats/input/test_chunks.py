@@ -129,8 +129,7 @@ def test_whatever_is_read_beside_the_projections_is_whole_too(file, name):
             h5["data"] = STACK
         part = h5.create_dataset(name, (6, 2, 16) if name != "angles_deg" else (6,), "f8", chunks=True, shuffle=True)
         part.id.write_direct_chunk((0,) * part.ndim, b"\1")
-    options = {"angles_deg": None} if name == "angles_deg" else {}
-    refused(file, "truncated-file", **options)
+    refused(file, "truncated-file", **({"angles_deg": None} if name == "angles_deg" else {}))
 
 
 def test_the_parts_of_an_nxtomo_and_of_matlab_are_whole_too(nxtomo, file):

@@ -143,8 +143,7 @@ def test_an_honest_file_is_read_without_a_remark(tmp_path, write, given, facts):
 )
 def test_turns_and_short_scans_are_read_without_a_remark(tmp_path, views, step_deg):
     """A disc that comes into each cell now and then, and noise around zero in the air."""
-    angles = step_deg * np.arange(views)
-    place = 90.0 + 40.0 * np.sin(np.deg2rad(angles))[:, None] - np.arange(180.0)
+    place = 90.0 + 40.0 * np.sin(np.deg2rad(step_deg * np.arange(views)))[:, None] - np.arange(180.0)
     line_integrals = 0.05 * np.sqrt(np.clip(400.0 - place**2, 0.0, None)) + np.random.default_rng(views).normal(
         0.0, 0.01, place.shape
     )

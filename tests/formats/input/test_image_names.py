@@ -123,10 +123,7 @@ REMARKED = {
     "a gap": (VIEWS[:30] + VIEWS[31:], GAP(numbers="30", missing=1, total=90)),
     "a gap in angles": ([f"{a}.tif" for a in ANGLES[:2] + ANGLES[4:]], GAP(numbers="8.5, 12.5", missing=2, total=90)),
     "half a turn by its number": ([*count("{}.tif"), "180.tif"], GAP(numbers=MANY, missing=90, total=181)),
-    "a number twice": (
-        [*VIEWS[:8], "scan_7.tif", *VIEWS[8:]],
-        REPEATED(repeated=1, names="scan_007.tif, scan_7.tif"),
-    ),
+    "a number twice": ([*VIEWS[:8], "scan_7.tif", *VIEWS[8:]], REPEATED(repeated=1, names="scan_007.tif, scan_7.tif")),
     "golden angles before a counter": (
         BY_ANGLE,
         SORTED(position=2, names="a_0.00_0000.tif, a_222.49_0001.tif, a_84.98_0002.tif, ..."),
@@ -182,8 +179,7 @@ def test_several_scans_are_refused_by_their_names(names, named):
 @pytest.mark.parametrize("fields", FieldKind)
 def test_fields_alone_are_of_the_kind_that_their_names_state(fields):
     flats, darks = count("io_{}.tif", 9), count("di_{}.tif", 5)
-    views = {FLATS: flats, DARKS: darks}[fields]
-    assert sort([*flats, *darks], fields=fields) == (views, flats, darks, ())
+    assert sort([*flats, *darks], fields=fields) == ({FLATS: flats, DARKS: darks}[fields], flats, darks, ())
     assert sort(count("IMG_{}.tif", 3), fields=fields) == (count("IMG_{}.tif", 3), [], [], ())
     flats = count("Flats/{}.tif", 3)
     assert sort(flats, fields=fields) == (flats if fields is FLATS else [], flats, [], ())

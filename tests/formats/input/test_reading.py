@@ -277,8 +277,7 @@ def test_mat_v73_is_transposed_with_a_remark(tmp_path, stack):
         file["label"].attrs["MATLAB_class"] = np.bytes_(b"char")
     with path.open("r+b") as stream:
         stream.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM")
-    scan = read_as("mat-v7.3", stack[:, :1], path, counts=False, angles_deg=STEPS)
-    assert "transposed" in scan.remarks[0]
+    assert "transposed" in read_as("mat-v7.3", stack[:, :1], path, counts=False, angles_deg=STEPS).remarks[0]
 
 
 def test_counts_without_darks_say_so(tmp_path, stack):

@@ -74,8 +74,7 @@ def nxtomo(*, unit="deg", **parts):
 
 
 def exchange(attributes=(), **parts):
-    members = {f"exchange/{name}": value for name, value in ({"data": VALUES} | parts).items()}
-    return hdf5(members, attributes)
+    return hdf5({f"exchange/{name}": value for name, value in ({"data": VALUES} | parts).items()}, attributes)
 
 
 def shuffled_late(path):

@@ -315,8 +315,7 @@ def test_evidence_counts_less_in_the_direction_in_which_looks_scatter_more():
 def test_scatter_is_found_by_direction_and_moved_by_neither_jump_nor_trend():
     """What u_c does not explain of tau scatters three times as far as it should."""
     size, spread = 800, np.array([[4.0, 1.0], [1.0, 0.5]])
-    root = np.linalg.cholesky(spread)
-    errors = NOISE.standard_normal((size, 2)) * [0.8, 3.0] @ root.T
+    errors = NOISE.standard_normal((size, 2)) * [0.8, 3.0] @ np.linalg.cholesky(spread).T
     covariance = np.tile(spread, (size, 1, 1))
     ratio = LookSpread.of_looks(errors, covariance).ratio
     np.testing.assert_allclose(ratio, np.diag([1.0, 9.0]), atol=1.2)

@@ -76,8 +76,7 @@ def test_slices_that_have_nothing_in_common_are_left_alone(projector):
     bodies = [Phantom("disc", (disc,)) for disc in discs]
     geometry = projector.geometry
     rows = [simulate_sinogram(body, geometry, noise=0.01, seed=2520 + n) for n, body in enumerate(bodies)]
-    lines = projector.block(np.stack(rows))
-    assert choose_coupling(projector, lines, 100.0).coupling == 0.0
+    assert choose_coupling(projector, projector.block(np.stack(rows)), 100.0).coupling == 0.0
 
 
 def test_a_weight_that_stays_is_that_of_the_choice(projector, lines):

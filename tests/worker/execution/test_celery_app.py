@@ -154,8 +154,7 @@ def test_a_worker_waits_for_a_redis_that_is_away_at_its_start(store, storage, on
 
 
 def test_a_wake_up_that_cannot_be_sent_is_logged_not_raised(settings):
-    out_of_reach = settings.model_copy(update={"broker_url": "redis://127.0.0.1:1/0"})
-    waker = Waker(make_celery(out_of_reach), never)
+    waker = Waker(make_celery(settings.model_copy(update={"broker_url": "redis://127.0.0.1:1/0"})), never)
     with capture_logs() as log:
         waker.start()
         waker("some-job")

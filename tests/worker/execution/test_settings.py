@@ -255,8 +255,7 @@ def test_every_attempt_has_limits_by_default(store, start, queue):
 )
 def test_memory_is_what_the_sizes_need_and_room_for_threads(cores, needed, override, limit):
     needs = {"memory_bytes": needed, "file_bytes": 0}
-    limits = limits_of(kinds.CALIBRATE, **needs, memory_limit_bytes=override, on_cores=cores)
-    assert limits.data_bytes == limit
+    assert limits_of(kinds.CALIBRATE, **needs, memory_limit_bytes=override, on_cores=cores).data_bytes == limit
 
 
 def test_a_file_may_be_as_large_as_the_job_needs_and_the_time_counts_every_core():

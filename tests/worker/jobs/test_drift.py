@@ -136,8 +136,7 @@ def asked(store, attempt, finish, send, ingest, known):
 
 
 def test_the_job_answers_with_what_moved(asked, turn, finish, store):
-    empty = np.zeros((120, 384))
-    looking = asked(np.stack([log_scan(turn, TURNTABLE), empty], axis=1), rows="0:1")
+    looking = asked(np.stack([log_scan(turn, TURNTABLE), np.zeros((120, 384))], axis=1), rows="0:1")
     result = DriftResult.model_validate(run(looking))
     assert (result.views, result.rows, result.tolerance_mm) == (120, (0, 1), 0.25)
     assert not result.within_tolerance

@@ -129,8 +129,7 @@ def test_a_log_beside_the_phantom_is_kept_before_and_after(
     assert np.corrcoef(first["log_before"].ravel(), first["log_after"].ravel())[0, 1] < 0.9
     assert first["log_row"] == 4
     assert np.array_equal(first["log_after"], second["log_before"])
-    inside = first["log_after"][128 + round(20 / 345 * 256), 128]
-    assert inside == pytest.approx(1.0, abs=0.1)
+    assert first["log_after"][128 + round(20 / 345 * 256), 128] == pytest.approx(1.0, abs=0.1)
 
 
 def test_a_reconstruction_uses_the_theta_and_the_rows_that_it_is_given(ingested, reconstructing, sinogram, turn, theta):
@@ -170,8 +169,7 @@ def test_a_picture_is_traced_to_its_drawing(store, attempt):
     drawing = PhantomDrawing.model_validate(run(attempt(kinds.TRACE_PHANTOM)))
     assert (drawing.name, drawing.size_tolerance) == ("traced", 0.002)
     traced = replace(to_phantom(drawing), name=RECTANGLE_WITH_HOLE.name)
-    difference = traced.rasterise(400, 400.0) - RECTANGLE_WITH_HOLE.rasterise(400, 400.0)
-    assert np.abs(difference).mean() < 1e-3
+    assert np.abs(traced.rasterise(400, 400.0) - RECTANGLE_WITH_HOLE.rasterise(400, 400.0)).mean() < 1e-3
 
 
 @pytest.fixture

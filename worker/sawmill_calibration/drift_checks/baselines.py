@@ -49,8 +49,7 @@ def known_baseline(
 
 def read_answers(paths: Iterable[Path]) -> Iterator[tuple[str, DriftResult]]:
     """Read the output of `drift --json`, or the service's answers, with each file's name; refuse any other file."""
-    for path in paths:
-        yield path.name, _read(path)
+    yield from ((path.name, _read(path)) for path in paths)
 
 
 def baselines_of(

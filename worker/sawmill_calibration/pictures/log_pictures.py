@@ -82,11 +82,7 @@ def mosaic_png(
 
 
 def side_view_png(
-    view: SideView,
-    *,
-    window: Window | None = None,
-    color_map: ColorMap = ColorMap.GREY,
-    title: str | None = None,
+    view: SideView, *, window: Window | None = None, color_map: ColorMap = ColorMap.GREY, title: str | None = None
 ) -> bytes:
     """Draw the largest value behind each point of a log's side: the log runs to the right, x or y downwards.
 
@@ -147,10 +143,8 @@ def _side_view_size(shape: tuple[int, ...], across_mm: pages.Span, along_mm: pag
     slices, pixels = shape
     lines = -(-pixels // -(-pixels // _HIGHEST_PX))
     height = lines * -(-_LOWEST_PX // lines)
-    true = slices * (height / pixels)
-    if along_mm is not None:
-        true = height * (along_mm[1] - along_mm[0]) / (across_mm[1] - across_mm[0])
-    return round(min(max(true, _NARROWEST_PX), _WIDEST_PX)), height
+    shape_ratio = slices / pixels if along_mm is None else (along_mm[1] - along_mm[0]) / (across_mm[1] - across_mm[0])
+    return round(min(max(height * shape_ratio, _NARROWEST_PX), _WIDEST_PX)), height
 
 
 def densest_of(values: NDArray[np.floating[Any]], most: tuple[int, int]) -> NDArray[np.floating[Any]]:

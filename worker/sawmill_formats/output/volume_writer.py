@@ -132,9 +132,8 @@ def new_reconstruction(
             middle + (np.arange(size, dtype=np.float64) + 0.5 - size / 2) * pixel_mm
             for size, middle in zip(shape[1:], centre_mm, strict=True)
         )
-        along = np.arange(shape[0], dtype=np.float64)
-        if row_pitch_mm is not None:
-            along = first_slice_mm + along * row_pitch_mm
+        slices = np.arange(shape[0], dtype=np.float64)
+        along = slices if row_pitch_mm is None else first_slice_mm + slices * row_pitch_mm
         volume = _new_volume(entry, unit, along, x_mm, y_mm, spaced=row_pitch_mm is not None)
         describe_image(volume, "attenuation", (along, x_mm, y_mm), (row_pitch_mm or 1.0, pixel_mm, pixel_mm))
         # NXtomoproc requires a source and a sample.

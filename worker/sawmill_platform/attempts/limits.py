@@ -41,12 +41,7 @@ class Limits(NamedTuple):
 
 
 def limits_of(
-    kind: JobKind,
-    *,
-    memory_bytes: int,
-    file_bytes: int,
-    memory_limit_bytes: int | None,
-    on_cores: int | None = None,
+    kind: JobKind, *, memory_bytes: int, file_bytes: int, memory_limit_bytes: int | None, on_cores: int | None = None
 ) -> Limits:
     """Return the limits of a job.
 

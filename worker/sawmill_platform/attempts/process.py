@@ -175,7 +175,7 @@ class AttemptStarter(Protocol):
         """Return the time that a process may take until it is ready."""
 
     def close(self) -> None:
-        """End what the starter holds besides its processes; a later start begins anew."""
+        """End what the starter holds besides its processes; a later start begins again."""
 
 
 class FreshProcesses:

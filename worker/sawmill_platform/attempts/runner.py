@@ -234,10 +234,7 @@ class _Supervision:
             answer = Failed(failure=_invalid_result("the job's answer is not what jobs of its kind answer with"))
         if isinstance(answer, Failed):
             return self._store.jobs.fail(
-                self._claim,
-                answer.failure,
-                retries=self._settings.retries,
-                peak_memory_bytes=answer.peak_memory_bytes,
+                self._claim, answer.failure, retries=self._settings.retries, peak_memory_bytes=answer.peak_memory_bytes
             )
         return answer
 

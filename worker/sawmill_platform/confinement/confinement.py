@@ -61,8 +61,7 @@ def move_into(folder: Path) -> None:
 def confine_to(given: AttemptInput, output: Path) -> None:
     """Confine this thread, and threads that it starts, to the job's own files, as far as Landlock and seccomp exist."""
     if landlock.version() > 0:
-        readable = [*installation(), given.kept, *given.readable]
-        landlock.confine(readable, [output], held=map(Path, PROC))
+        landlock.confine([*installation(), given.kept, *given.readable], [output], held=map(Path, PROC))
     _drop_capabilities([(output, os.W_OK | os.X_OK), *((path, os.R_OK) for path in given.readable)])
     refuse_calls()
 

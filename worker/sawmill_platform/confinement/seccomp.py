@@ -174,11 +174,7 @@ def _instructions(machine: _Machine) -> bytes:
     ]
     for numbers, jump, operand, allowed_if in _CONDITIONS:
         outcomes = ("allow", "refuse") if allowed_if else ("refuse", "allow")
-        lines += [
-            (JUMP_EQUAL, 0, 2, numbers[machine.column]),
-            (LOAD, 0, 0, FIRST_ARGUMENT),
-            (jump, *outcomes, operand),
-        ]
+        lines += [(JUMP_EQUAL, 0, 2, numbers[machine.column]), (LOAD, 0, 0, FIRST_ARGUMENT), (jump, *outcomes, operand)]
     returns = {"allow": ALLOW, "refuse": FAIL | errno.EACCES, "lack": FAIL | errno.ENOSYS}
     places = {name: len(lines) + number for number, name in enumerate(returns)}
 

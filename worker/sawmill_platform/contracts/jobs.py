@@ -189,8 +189,7 @@ class Job(Stamped):
     )
     progress: Progress | None = Field(None, description="Progress. Null: the job does not run.")
     attempt: int = Field(
-        description="Number of starts; the number tells one attempt from another, and is not limited.",
-        examples=[1],
+        description="Number of starts; the number tells one attempt from another, and is not limited.", examples=[1]
     )
     losses: int = Field(
         0,

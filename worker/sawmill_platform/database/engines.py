@@ -78,12 +78,7 @@ def _parsed(url: str) -> URL:
 
 def _configure_sqlite(connection: sqlite3.Connection, _: object) -> None:
     connection.isolation_level = None  # `begin` below decides how a transaction starts, not the driver
-    for pragma in (
-        f"busy_timeout={_BUSY_TIMEOUT_MS}",
-        "journal_mode=WAL",
-        "synchronous=FULL",
-        "foreign_keys=ON",
-    ):
+    for pragma in (f"busy_timeout={_BUSY_TIMEOUT_MS}", "journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON"):
         connection.execute(f"PRAGMA {pragma}")
 
 
@@ -207,9 +202,8 @@ def _translated(error: DBAPIError | PoolTimeoutError) -> StorageError | None:
         return StorageFull("the disk is full: the database cannot grow; free some space and try again")
     if state in _PG_CROSSED:
         return StorageUnavailable("another request changed the same rows at the same time; ask again")
-    if number is not None and number & 0xFF in _SQLITE_REFUSALS:
-        return StorageMisconfigured(_sentence(error))
-    if state is None and _PG_REFUSALS.search(str(original)):
+    refuses = number is not None and number & 0xFF in _SQLITE_REFUSALS
+    if refuses or (state is None and _PG_REFUSALS.search(str(original))):
         return StorageMisconfigured(_sentence(error))
     away = isinstance(error, OperationalError | InterfaceError | PoolTimeoutError) or error.connection_invalidated
     return StorageUnavailable(_sentence(error)) if away or state in _PG_READ_ONLY else None

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from datetime import datetime
 from typing import NamedTuple
 
-from sqlalchemy import func, literal_column, select, update
+from sqlalchemy import func, literal_column, select, true, update
 from sqlalchemy.orm import Session
 
 from sawmill_platform.contracts import event_kinds
@@ -132,9 +132,8 @@ class Places:
 
     def _refusal(self, session: Session, full: _Full) -> QueueFull:
         """Return the refusal, with the time until the first waiting job is likely to start."""
-        first = select(JobRow).where(_QUEUED, JobRow.not_before_s.is_(None)).order_by(*FIRST_COME).limit(1)
-        if full.key_id is not None:
-            first = first.where(JobRow.key_id == full.key_id)
+        mine = true() if full.key_id is None else JobRow.key_id == full.key_id
+        first = select(JobRow).where(_QUEUED, JobRow.not_before_s.is_(None), mine).order_by(*FIRST_COME).limit(1)
         row = session.scalar(first)
         wait_s = None if row is None else self._estimates.wait_s(session, row, self._database.now())
         retry_s = RETRY_IF_UNKNOWN_S if wait_s is None else min(max(1, math.ceil(wait_s)), LONGEST_RETRY_S)

@@ -9,7 +9,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import structlog
-from sqlalchemy import and_, func, inspect, select
+from sqlalchemy import and_, func, inspect, select, true
 from sqlalchemy.orm import Session
 
 from sawmill_platform.contracts import event_kinds
@@ -222,11 +222,10 @@ class Events(StorePart):
         limit
             Largest number of events.
         """
-        wanted = select(EventRow).where(EventRow.number > number, published()).order_by(EventRow.number).limit(limit)
-        if through is not None:
-            wanted = wanted.where(EventRow.number <= through)
-        if group_id is not None:
-            wanted = wanted.where(EventRow.group_id == group_id)
+        until = true() if through is None else EventRow.number <= through
+        of_group = true() if group_id is None else EventRow.group_id == group_id
+        wanted = select(EventRow).where(EventRow.number > number, published(), until, of_group)
+        wanted = wanted.order_by(EventRow.number).limit(limit)
         with self._database.read() as session:
             return [Event.of_row(row) for row in session.scalars(wanted)]
 

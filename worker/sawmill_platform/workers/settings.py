@@ -61,8 +61,7 @@ class WorkerSettings(BaseSettings):
         "allows it; otherwise each starts afresh, which costs a second or more of processor time.",
     )
     spare_processes: Annotated[int, Field(ge=1, le=8)] = Field(
-        1,
-        description="Processes kept ready with the science imported; more where jobs often come together.",
+        1, description="Processes kept ready with the science imported; more where jobs often come together."
     )
     spare_idle_s: Seconds = Field(
         600.0,

@@ -120,11 +120,7 @@ class WatchedWorker:
     """
 
     def __init__(
-        self,
-        command: Sequence[str],
-        environment: dict[str, str],
-        *,
-        monotonic: Callable[[], float] = time.monotonic,
+        self, command: Sequence[str], environment: dict[str, str], *, monotonic: Callable[[], float] = time.monotonic
     ) -> None:
         self._monotonic = monotonic
         self._command = tuple(command)

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Any
 
-from sqlalchemy import ColumnElement, Select, and_, column, exists, func, or_, select, values
+from sqlalchemy import ColumnElement, Select, and_, column, exists, func, or_, select, true, values
 from sqlalchemy.orm import Session
 
 from sawmill_contracts.calibrations import CalibrationResult
@@ -39,9 +39,8 @@ class Measurements(StorePart):
         NotFound, Invalid
             There is no such scanner; `after` is not a cursor that an earlier page gave.
         """
-        statement = select(MeasurementRow).where(MeasurementRow.scanner_id == scanner_id)
-        if since is not None:
-            statement = statement.where(MeasurementRow.at >= since)
+        newer = true() if since is None else MeasurementRow.at >= since
+        statement = select(MeasurementRow).where(MeasurementRow.scanner_id == scanner_id, newer)
         with self._database.read() as session:
             found(session, ScannerRow, "scanner", scanner_id)
             return read_numbered_page(

@@ -7,7 +7,7 @@ from typing import Any
 
 import structlog
 from pydantic import TypeAdapter, ValidationError
-from sqlalchemy import ColumnElement, ScalarSelect, Select, delete, func, select
+from sqlalchemy import ColumnElement, ScalarSelect, Select, delete, func, select, true
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from sawmill_contracts import kinds, mill_events
@@ -170,9 +170,8 @@ def _changes(session: Session, now: datetime, scanner_id: str | None = None) -> 
         opened[alarm.scanner_id][alarm.kind] = alarm
     # By scanner what the charts since its active calibration have found.
     columns = DriftChartRow.scanner_id, DriftChartRow.activation_number, DriftChartRow.alarm
-    statement = select(*columns).where(DriftChartRow.alarm.is_not(None))
-    if scanner_id is not None:
-        statement = statement.where(DriftChartRow.scanner_id == scanner_id)
+    of_scanner = true() if scanner_id is None else DriftChartRow.scanner_id == scanner_id
+    statement = select(*columns).where(DriftChartRow.alarm.is_not(None), of_scanner)
     chart_alarms = defaultdict[str, list[Any]](list)
     for chart in session.execute(statement):
         active = active_since(session, chart.scanner_id)
@@ -199,9 +198,8 @@ def _changes(session: Session, now: datetime, scanner_id: str | None = None) -> 
 
 
 def _opened(session: Session, scanner_id: str | None) -> list[Alarm]:
-    statement = select(AlarmRow).order_by(AlarmRow.scanner_id, AlarmRow.kind)
-    if scanner_id is not None:
-        statement = statement.where(AlarmRow.scanner_id == scanner_id)
+    of_scanner = true() if scanner_id is None else AlarmRow.scanner_id == scanner_id
+    statement = select(AlarmRow).where(of_scanner).order_by(AlarmRow.scanner_id, AlarmRow.kind)
     return [Alarm.of_row(row) for row in session.scalars(statement)]
 
 

@@ -3,7 +3,7 @@
 from datetime import UTC, datetime
 from typing import Any, NamedTuple
 
-from sqlalchemy import ColumnElement, RowMapping, ScalarSelect, Select, and_, func, or_, select
+from sqlalchemy import ColumnElement, RowMapping, ScalarSelect, Select, and_, func, or_, select, true
 from sqlalchemy.orm import aliased
 
 from sawmill_contracts.scanners import StoredScanner
@@ -65,9 +65,8 @@ class Overviews(StorePart):
             ),
             since.correlate(ScannerRow).scalar_subquery().label("discarded_at"),
         )
-        newest_first = statement.order_by(ScannerRow.created_at.desc(), ScannerRow.id.desc()).limit(limit)
-        if scanner_id is not None:
-            newest_first = newest_first.where(ScannerRow.id == scanner_id)
+        selected = statement.where(true() if scanner_id is None else ScannerRow.id == scanner_id)
+        newest_first = selected.order_by(ScannerRow.created_at.desc(), ScannerRow.id.desc()).limit(limit)
         with self._database.read() as session:
             return [_read(row) for row in session.execute(newest_first).mappings()]
 

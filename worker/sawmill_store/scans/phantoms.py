@@ -114,10 +114,7 @@ class Phantoms(QueuingPart):
             state=PhantomState.TRACING,
             picture=picture.model_dump(mode="json"),
         )
-        with (
-            kept_upload(self.files, received, kinds.TRACE_PHANTOM, row.id) as keep,
-            self._database.write() as session,
-        ):
+        with kept_upload(self.files, received, kinds.TRACE_PHANTOM, row.id) as keep, self._database.write() as session:
             refuse_taken(session, PhantomRow, "phantom", row.id)
             self._add_with_job(session, row, phantoms.DECLARATION, received, group_id=None, priority=priority)
             keep(session, row.created_at)

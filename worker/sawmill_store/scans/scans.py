@@ -19,12 +19,7 @@ from sawmill_store.mill_files import unfinished_needing
 from sawmill_store.mill_tables import PhantomRow, ScannerRow, ScanRow
 from sawmill_store.queuing import QueuingPart
 from sawmill_store.requests.asked import Asked
-from sawmill_store.requests.references import (
-    found_asked,
-    inspections_file_gone,
-    read_asked,
-    unfinished_job_about,
-)
+from sawmill_store.requests.references import found_asked, inspections_file_gone, read_asked, unfinished_job_about
 
 _COLUMNS = {"scanner_id", "phantom_id"}
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import structlog
 from pydantic import ValidationError
-from sqlalchemy import Select, exists, select, update
+from sqlalchemy import Select, exists, select, true, update
 from sqlalchemy.orm import Session
 
 from sawmill_contracts import mill_events
@@ -337,9 +337,9 @@ def next_log(session: Session, scanner_id: str) -> str | None:
         return None
     views, is_checked = ScanRow.reading["shape"]["views"].as_integer(), exists().where(DriftRow.scan_id == ScanRow.id)
     logs = select(ScanRow.id, ScanRow.created_at, ScanRow.state, views, is_checked)
-    logs = logs.where(ScanRow.scanner_id == scanner_id, ScanRow.phantom_id.is_(None))
-    if (last := session.scalar(last_looked_at(scanner_id))) is not None:
-        logs = logs.where(ScanRow.created_at > last)
+    last = session.scalar(last_looked_at(scanner_id))
+    newer = true() if last is None else ScanRow.created_at > last
+    logs = logs.where(ScanRow.scanner_id == scanner_id, ScanRow.phantom_id.is_(None), newer)
     narrowed = logs.where(ScanRow.state == ScanState.READY, ~is_checked, views >= schedules.FEWEST_VIEWS)
     newest_first = narrowed.order_by(ScanRow.created_at.desc(), ScanRow.id.desc()).limit(_CANDIDATES)
     return schedules.log_scan_to_check((schedules.LogScan(*row) for row in session.execute(newest_first)), last)

@@ -115,9 +115,7 @@ def _within(rows: FloatArray, present: Rows) -> FloatArray:
     """Move all shifts by whole rows if this brings all views inside the detector."""
     first, last = _ends(present)
     above, below = (math.ceil(over) for over in (-(first + rows).min(), (last + rows).max() - present.shape[1] + 1))
-    if above + below > 0:
-        return rows
-    return rows + float(max(above, 0) - max(below, 0))
+    return rows if above + below > 0 else rows + float(max(above, 0) - max(below, 0))
 
 
 def _ends(present: Rows) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

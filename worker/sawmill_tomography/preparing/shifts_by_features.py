@@ -177,9 +177,8 @@ def _solved(pairs: list[_Pair], present: Rows) -> RowShifts:
     incidence = np.zeros((len(pairs), views))
     incidence[np.arange(len(pairs)), ends[:, 0]] = -1.0
     incidence[np.arange(len(pairs)), ends[:, 1]] = 1.0
-    shift = np.array([pair.shift for pair in pairs])
-    if (shift - np.rint(shift)).std() < WHOLE_SCATTER:
-        shift = np.rint(shift)
+    measured = np.array([pair.shift for pair in pairs])
+    shift = np.rint(measured) if (measured - np.rint(measured)).std() < WHOLE_SCATTER else measured
     precision = np.array([pair.standard_deviation for pair in pairs]) ** -2.0
     weight = precision
     for _ in range(ROUNDS):

@@ -40,11 +40,7 @@ EXPECTED_ERRORS: Mapping[ReconstructionMethod, tuple[tuple[float, ...], ...]] = 
             (0.0960, 0.1225, 0.3274),
             (0.0707, 0.0887, 0.2318),
         ),
-        ReconstructionMethod.TIKHONOV: (
-            (0.2359, 0.2478, 0.3119),
-            (0.2198, 0.2315, 0.2833),
-            (0.1472, 0.1650, 0.2402),
-        ),
+        ReconstructionMethod.TIKHONOV: ((0.2359, 0.2478, 0.3119), (0.2198, 0.2315, 0.2833), (0.1472, 0.1650, 0.2402)),
         ReconstructionMethod.RING_TV: (
             (0.1206, 0.1247, 0.1489),
             (0.1035, 0.1069, 0.1373),
@@ -97,9 +93,7 @@ def comparable_noise(geometry: FanViews, grid: ImageGrid, share: float, *, fitte
     But a fitted method smooths pixels smaller than the table's to what the data show: pixels of half the size have the
     same error (benchmarks/expected_error.py --check, the CT slice).
     """
-    pixel = grid.pixel_mm / MEASURED_PIXEL_MM
-    if fitted:
-        pixel = max(pixel, 1.0)
+    pixel = max(grid.pixel_mm / MEASURED_PIXEL_MM, 1.0 if fitted else 0.0)
     return share / pixel * float(np.sqrt(geometry.cell_at_cor_mm / MEASURED_CELL_MM / pixel))
 
 

@@ -55,11 +55,7 @@ def warm_up() -> None:
 
 
 def attempt(
-    job: Job,
-    given_json: str,
-    output: Path,
-    report: ProgressCallback,
-    announce: Callable[[Sequence[str]], None],
+    job: Job, given_json: str, output: Path, report: ProgressCallback, announce: Callable[[Sequence[str]], None]
 ) -> MillAttempt:
     """Return the attempt, with the rows that it was handed."""
     return MillAttempt(job, HandedOver.model_validate_json(given_json), output, report, announce)

@@ -94,8 +94,7 @@ def write(app: FastAPI, folder: Path) -> None:
 
 def _operations(document: dict[str, Any], part: str = "paths") -> Iterator[tuple[str, str, dict[str, Any]]]:
     for path, item in document[part].items():
-        for method, operation in item.items():
-            yield path, method, operation
+        yield from ((path, method, operation) for method, operation in item.items())
 
 
 def _finish(document: dict[str, Any], rules: RouteRules) -> dict[str, Any]:

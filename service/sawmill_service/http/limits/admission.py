@@ -115,9 +115,7 @@ class Admission(Middleware):
 def _kind(scope: Scope, headers: Headers) -> str:
     if has_body(headers):
         return "uploads"
-    if _is_stream(scope):
-        return "streams"
-    return "waits" if _waits(scope) else "requests"
+    return "streams" if _is_stream(scope) else "waits" if _waits(scope) else "requests"
 
 
 def _waits(scope: Scope) -> bool:

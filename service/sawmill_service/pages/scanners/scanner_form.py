@@ -22,7 +22,7 @@ from sawmill_vocabulary import DataKind, ObjectTurns, Theta
 class FormField:
     """A field: its place in the contract, its texts, and whether it may be left empty.
 
-    A `basic` field has no good default; the letter is that of its distance in the sketch of a scanner.
+    A `basic` field has no good default; the letter names its distance in the sketch of a scanner.
     """
 
     name: str

@@ -24,7 +24,7 @@ from sawmill_service.pages.system.system_parts import clock_remarks, disk_of, li
 from sawmill_service.routes.health import Readiness, broker_of, health_of
 
 PER_PAGE = 50
-# Each morning has many; they are shown where they are asked for.
+# Each morning has many; they are shown on request.
 _LOGINS = (event_kinds.LOGGED_IN, event_kinds.LOGGED_OUT)
 
 

@@ -184,8 +184,7 @@ def chosen_views(dataset: h5py.Dataset, images: NDArray[np.intp]) -> Projections
         return scaling.apply(read_images(dataset, images[views], rows))
 
     # Sources of a virtual dataset usually are a camera's images, which are read as a whole.
-    virtual = (1, *dataset.shape[1:]) if dataset.is_virtual else None
-    chunks = virtual or dataset.chunks or (1, 1)
+    chunks = (1, *dataset.shape[1:]) if dataset.is_virtual else dataset.chunks or (1, 1)
     together = (chunks[0], chunks[1] if len(chunks) == 3 else 1)
     return Projections((len(images), *dataset.shape[1:]), read, together)
 

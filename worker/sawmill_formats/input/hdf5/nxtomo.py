@@ -113,10 +113,9 @@ def _read_image_key(entry: h5py.Group, images: int, bounds: Bounds) -> tuple[NDA
             "it must be 0 (projection), 1 (flat), 2 (dark) or 3 (invalid)",
         )
     invalid, alignment = (int(np.count_nonzero(raw == key)) for key in (nxtomo.INVALID, nxtomo.ALIGNMENT))
-    remarks = (ReadingMessage.INVALID_IMAGES(images=invalid),) if invalid else ()
-    if alignment:
-        remarks = (*remarks, ReadingMessage.ALIGNMENT_IMAGES(images=alignment, key=alignment_key.rpartition("/")[2]))
-    return raw.astype(np.int64), remarks
+    of_alignment = ReadingMessage.ALIGNMENT_IMAGES(images=alignment, key=alignment_key.rpartition("/")[2])
+    numbered = ((invalid, ReadingMessage.INVALID_IMAGES(images=invalid)), (alignment, of_alignment))
+    return raw.astype(np.int64), tuple(remark for images, remark in numbered if images)
 
 
 def _fields(dataset: h5py.Dataset, keys: NDArray[np.int64], key: int, bounds: Bounds) -> NDArray[np.float32] | None:

@@ -173,7 +173,11 @@ def folder_parts(path: Path, _: Bounds) -> Iterator[Part]:
         if each.is_dir():
             yield Part(name, PartKind.GROUP, type="folder")
         elif _is_image(each):
-            yield _image_part(each, name)
+            with library_errors_translated(repr(name)), opened_tiff(each, repr(name), _size(each)) as tiff:
+                first, pages = tiff.pages[0], len(tiff.pages)
+                shape = first.shape if pages == 1 else (pages, *first.shape)
+                number_type, compression = page_type(first)
+            yield Part(name, PartKind.FILE, shape, number_type, stored_bytes=_size(each), compression=compression)
         else:
             yield Part(name, PartKind.FILE, type=quoted(each.suffix.lstrip(".")) or None, stored_bytes=_size(each))
 
@@ -200,11 +204,3 @@ def _opened(path: Path, bounds: Bounds) -> Iterator[TiffPages]:
     name = repr(quoted(path.name))
     with library_errors_translated(name), open_pages(path, name, _size(path), bounds) as pages:
         yield pages
-
-
-def _image_part(path: Path, name: str) -> Part:
-    with library_errors_translated(repr(name)), opened_tiff(path, repr(name), _size(path)) as tiff:
-        first, pages = tiff.pages[0], len(tiff.pages)
-        shape = first.shape if pages == 1 else (pages, *first.shape)
-        number_type, compression = page_type(first)
-    return Part(name, PartKind.FILE, shape, number_type, stored_bytes=_size(path), compression=compression)

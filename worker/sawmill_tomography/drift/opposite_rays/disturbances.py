@@ -171,8 +171,7 @@ def _weights(each: Disturbance, gamma: FloatArray, chi: FloatArray) -> FloatArra
     The sign convention is an unknown's of the geometry: correcting the disturbance subtracts this from the differences.
     """
     here, there = np.exp(1j * each.order * gamma), np.exp(1j * each.order * (math.pi - gamma))
-    of_pairs = there - here if each.part == "encoder" else -here - there
-    waves = np.outer(of_pairs, np.exp(1j * each.order * chi))
+    waves = np.outer(there - here if each.part == "encoder" else -here - there, np.exp(1j * each.order * chi))
     return np.stack([waves.real, waves.imag])
 
 
@@ -380,5 +379,4 @@ def _evidence(x: FloatArray, y: FloatArray, slope: FloatArray, intercept: FloatA
     The sum is divided by the two unknowns, in units of the residual for each degree of freedom.
     """
     residual = float(np.sum((y - slope * x - intercept) ** 2))
-    explained = float(np.sum((y - x) ** 2)) - residual
-    return explained / residual * ((len(x) - 2) / 2)
+    return (float(np.sum((y - x) ** 2)) - residual) / residual * ((len(x) - 2) / 2)

@@ -62,5 +62,4 @@ class SyntheticTuning:
             on_iteration=on_iteration,
         )
         images = minimum.images.reshape(count, *start.shape)
-        distances = np.square(images - self.reference, dtype=np.float64).sum(axis=(2, 3))
-        return np.log(distances).sum(axis=1), images
+        return np.log(np.square(images - self.reference, dtype=np.float64).sum(axis=(2, 3))).sum(axis=1), images
