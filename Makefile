@@ -196,7 +196,6 @@ figures:
 drawings: install-dev
 	@$(BIN)/python docs/tools/geometry_drawing.py
 	@$(BIN)/python docs/tools/scanner_drawings.py
-	@$(BIN)/python docs/tools/package_drawing.py
 	@$(BIN)/python docs/tools/fit_drawing.py
 
 # A line's logs on several machines, one of which is killed. As root, on an idle machine; half an hour. OPTIONS: --logs N.
