@@ -313,7 +313,9 @@ class FineFit:
         poses = (of_passage * pose).reshape(-1, *predicted.shape)
         wood = soft(chain * np.stack([rows[10], rows[11], self._rounding(model), rows[8], rows[9]]))
         corners = soft(chain * self._moved_corners(x, model))
-        blurred = (self.prediction(self._changed(x, number, Term.BLUR, BLUR_STEP), number) - predicted) / BLUR_STEP
+        wider = x.copy()
+        wider[layout.part(OPTICS).start + OF_OPTICS * number] += BLUR_STEP
+        blurred = (self.prediction(wider, number) - predicted) / BLUR_STEP
         optics = [blurred, *(-halos / total), *through(self._bent(number, straight))]
         smooth = np.broadcast_to(self._smooth(number)[:, None], (len(OF_VIEW) - 1, *predicted.shape))
         gains = soft(np.concatenate([[model.sharp - model.offset], smooth]))
@@ -334,12 +336,6 @@ class FineFit:
         root = np.sqrt(self.weights[number])
         columns = np.concatenate([own for _, own in parts.values()])
         return np.concatenate(places), columns * root, (self.lines[number] - predicted) * root
-
-    def _changed(self, x: FloatArray, number: int, term: Term, step: float) -> FloatArray:
-        """Return the unknowns with one term of a pair larger by a step."""
-        there = x.copy()
-        there[self.layout.part(OPTICS).start + OF_OPTICS * number + list(OF_PAIR).index(term)] += step
-        return there
 
     @staticmethod
     def _rounding(model: ScanModel) -> FloatArray:
@@ -536,20 +532,12 @@ class FineFit:
 
     def covariance(self) -> FloatArray:
         """Return the covariance of all unknowns: what neighbouring cells share in the residual counts once."""
-        normal = np.diag(self.precision)
-        spread = normal.copy()
+        normal, _ = self.system(self.x)
+        spread, groups = normal.copy(), self.data[0].lines.shape[1]
         parts = [self.columns(self.x, number) for number in range(len(self.data))]
-        groups = self.data[0].lines.shape[1]
-        means = [_of_groups(residual, groups) for _, _, residual in parts]
-        shared = correlation(means)
-        for number, (places, columns, _) in enumerate(parts):
-            flat = columns.reshape(len(columns), -1)
-            sums = self._sums(columns, number)
-            product = flat @ flat.T - (sums * self.shares[number]) @ sums.T
-            normal[np.ix_(places, places)] += product
-            spread[np.ix_(places, places)] += product
-            together = _of_groups(columns, groups)
-            spread[np.ix_(places, places)] += _correlated(together, shared)
+        shared = correlation([_of_groups(residual, groups) for _, _, residual in parts])
+        for places, columns, _ in parts:
+            spread[np.ix_(places, places)] += _correlated(_of_groups(columns, groups), shared)
         inverse = scaled_inverse(normal)
         return inverse @ spread @ inverse
 
@@ -605,10 +593,6 @@ def with_corners(board: Phantom, moved: FloatArray) -> Phantom:
         points = [shape.center_mm] if isinstance(shape, Disc) else shape.vertices_mm
         corners = [(float(x), float(y)) for x, y in np.array(points) + left[: len(points)]]
         left = left[len(points) :]
-        moved_shape = (
-            replace(shape, center_mm=corners[0])
-            if isinstance(shape, Disc)
-            else replace(shape, vertices_mm=tuple(corners))
-        )
-        shapes.append(moved_shape)
+        places = {"center_mm": corners[0]} if isinstance(shape, Disc) else {"vertices_mm": tuple(corners)}
+        shapes.append(replace(shape, **places))
     return replace(board, shapes=tuple(shapes))
