@@ -60,7 +60,7 @@ def test_files_that_are_no_log_of_these_pairs_are_refused_in_one_sentence(run, f
     assert fewer["detail"].endswith("there are 1 files, 3 pairs, and 3 calibrated ones")
     run("simulate", "log", "--pairs", passed / "three.json", "--rows", 3, "--passages", 1, "-o", tmp_path / "short.h5")
     short = failure(*arguments(passed, *files[:2], tmp_path / "short-3.h5"))
-    assert short["detail"].startswith("pair 3 has (views, rows, cells) = (1, 3, 768), 2 mm apart")
+    assert short["detail"].startswith("pair 3 has (views, rows) = (1, 3), 2 mm apart")
     line = list(arguments(passed))
     line[2] = passed / "three.json"
     assert "three.json is no answer of calibrate-pairs --json" in failure(*line)["detail"]

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fixed_pairs import machine
-from pair_logs import log_lines, sights_of
+from pair_logs import ROW_PITCH_MM, log_lines
 
 from sawmill_tomography.geometry.geometry import FanViews, GeometryError, SourceFrame, to_vector
 from sawmill_tomography.pairs.agreement import agreement, shadow_middles
@@ -25,7 +25,8 @@ def nailed(pairs, seed, rows=30):
 
 
 def sights(scanner, frames, stacks):
-    return sights_of(stacks, scanner, frames, np.full(len(frames), RAYS_MM), SCALE)
+    pictures = log_pictures(stacks, scanner.pairs, frames, ROW_PITCH_MM)
+    return Sights.of(pictures, np.full(len(frames), RAYS_MM), SCALE)
 
 
 @pytest.mark.slow
