@@ -140,7 +140,7 @@ def calibrate_passages(
     files: list[list[_PassageFile]] = [[] for _ in pairs]
     read = read_passages(sources, scanner, part_of(on_progress, 0.0, 0.5))
     for of_pair, (named, rows, stack) in zip(cycle(files), read, strict=False):
-        with named_file(named):
+        with _named(named):
             of_pair.append(_PassageFile(rows, stack, board_rows(stack)))
         shown, others = len(stack), len(files[0][-1].stack)
         if shown * (len(sources) // len(pairs)) > MOST_PASSAGES:
@@ -171,7 +171,7 @@ def calibrate_passages(
 
 
 @contextmanager
-def named_file(file: str) -> Iterator[None]:
+def _named(file: str) -> Iterator[None]:
     """Begin the sentence of a refusal with the file's place among the others."""
     try:
         with input_errors_translated():
@@ -190,7 +190,7 @@ def read_passages(
         report = part_of(on_progress, number / len(sources), (number + 1) / len(sources))
         named = f"pair {place + 1}" + (f", passage {passage + 1}" if len(sources) > len(scanner.pairs) else "")
         opened = open_rows(source, source_to_cor_mm=pair.source_distance_mm, on_progress=report)
-        with named_file(named), opened as rows:
+        with _named(named), opened as rows:
             stack = rows.stack()
         cells, due = stack.shape[-1], pair.num_detector_pixels
         if cells != due:
