@@ -200,7 +200,7 @@ def _fitted(
         fits.append(FineFit(board, middle, placed, from_counts=task.from_counts, corner_mm=task.corner_mm))
         fits[-1].settle()
     # Each fit has measured its own noise: they are compared by the same.
-    fit = min(fits, key=lambda one: one.power_by(fits[0]))
+    fit = min(fits, key=lambda one: one.power(one.x, fits[0]))
     fit = fit.of_rows(data)
     fit.solve()
     fit.weigh()

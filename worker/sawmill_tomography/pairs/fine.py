@@ -271,22 +271,14 @@ class FineFit:
         """Set how much of each cell's sum over the views is due to what its flat field leaves in all views alike."""
         self.shares[number] = variance / (1.0 + variance * self.weights[number].sum(axis=0))
 
-    def power(self, x: FloatArray) -> float:
-        """Return the weighted sum of squares of the residual, and of the departures from the priors."""
-        total = float(self.precision @ (x - self.held) ** 2)
-        for number, weights in enumerate(self.weights):
+    def power(self, x: FloatArray, by: "FineFit | None" = None) -> float:
+        """Return the sum of squares of the residual, weighted as in a fit, and of the departures from the priors."""
+        total, by = float(self.precision @ (x - self.held) ** 2), by or self
+        for number, weights in enumerate(by.weights):
             residual = self.residual(x, number)
             weighted = weights * residual
-            total += float((weighted * residual).sum() - self.shares[number] @ weighted.sum(axis=0) ** 2)
+            total += float((weighted * residual).sum() - by.shares[number] @ weighted.sum(axis=0) ** 2)
         return total
-
-    def power_by(self, other: "FineFit") -> float:
-        """Return the power of this fit with the weights of another."""
-        own = self.weights, self.shares
-        self.weights, self.shares = other.weights, other.shares
-        power = self.power(self.x)
-        self.weights, self.shares = own
-        return power
 
     def columns(self, x: FloatArray, number: int) -> tuple[NDArray[np.intp], FloatArray, FloatArray]:
         """Return the places of the unknowns of one pair, their columns (n, views, cells), and the residual.
@@ -311,7 +303,9 @@ class FineFit:
         heights = np.tile(self.data[number].heights_mm, passages)[:, None]
         pose = soft(chain * by_pose(self._poses(x, number), rows[0], rows[5:7]))
         poses = (of_passage * pose).reshape(-1, *predicted.shape)
-        wood = soft(chain * np.stack([rows[10], rows[11], self._rounding(model), rows[8], rows[9]]))
+        rounder = replace(model, sizes={**model.sizes, Term.CORNERS: model.size(Term.CORNERS) + ROUND_STEP})
+        rounding = (rounder.lengths - model.lengths) / ROUND_STEP
+        wood = soft(chain * np.stack([rows[10], rows[11], rounding, rows[8], rows[9]]))
         corners = soft(chain * self._moved_corners(x, model))
         wider = x.copy()
         wider[layout.part(OPTICS).start + OF_OPTICS * number] += BLUR_STEP
@@ -336,12 +330,6 @@ class FineFit:
         root = np.sqrt(self.weights[number])
         columns = np.concatenate([own for _, own in parts.values()])
         return np.concatenate(places), columns * root, (self.lines[number] - predicted) * root
-
-    @staticmethod
-    def _rounding(model: ScanModel) -> FloatArray:
-        """Return the derivative of the lengths by the square of the radius of all corners."""
-        more = replace(model, sizes={**model.sizes, Term.CORNERS: model.size(Term.CORNERS) + ROUND_STEP})
-        return np.asarray((more.lengths - model.lengths) / ROUND_STEP)
 
     def _moved_corners(self, x: FloatArray, model: ScanModel) -> FloatArray:
         """Return the derivatives of the lengths by the places of the corners, (coordinates, views, cells)."""
