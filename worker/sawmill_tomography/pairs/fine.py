@@ -146,15 +146,12 @@ class FineFit:
         self.weights = [np.ones_like(lines) for lines in self.lines]
         self.shares = [np.zeros(one.cells.count) for one in data]
         self._of_densities = dict[int, FloatArray]()
+        # Per mm, by regression of the lines on the board's lengths.
         self.attenuation = [1.0] * len(data)
-        self.attenuation = [self._attenuation(number) for number in range(len(data))]
+        models = [self.model(self.x, number).with_view_gains(weights) for number, weights in enumerate(self.weights)]
+        self.attenuation = [float(np.median(model.gain)) for model in models]
         self.longest = [float(np.ptp(lines)) for lines in self.lines]
         self.weigh()
-
-    def _attenuation(self, number: int) -> float:
-        """Return the attenuation per mm of one pair, by regression of the lines on the board's lengths."""
-        model = self.model(self.x, number).with_view_gains(self.weights[number])
-        return float(np.median(model.gain))
 
     def of_rows(self, data: Sequence[PairData]) -> "FineFit":
         """Return the fit at the same point for data in groups of rows."""
@@ -264,12 +261,9 @@ class FineFit:
             least = max(LEAST_NOISE * float(variance.mean()), (1e-6 * float(np.ptp(lines))) ** 2)
             stripes = striped(lines - predicted)
             self.weights[number] = 1.0 / np.maximum(variance - stripes, np.maximum(OWN_SHARE * variance, least))
-            self._set_stripes(number, stripes)
+            # Of each cell's sum over the views, what its flat field leaves in all views alike.
+            self.shares[number] = stripes / (1.0 + stripes * self.weights[number].sum(axis=0))
         self._of_densities = {}
-
-    def _set_stripes(self, number: int, variance: float) -> None:
-        """Set how much of each cell's sum over the views is due to what its flat field leaves in all views alike."""
-        self.shares[number] = variance / (1.0 + variance * self.weights[number].sum(axis=0))
 
     def power(self, x: FloatArray, by: "FineFit | None" = None) -> float:
         """Return the sum of squares of the residual, weighted as in a fit, and of the departures from the priors."""
