@@ -36,8 +36,7 @@ DEAD = 0.25
 
 def read_paired_scanner(path: Path) -> PairedScanner:
     """Read a scanner of fixed pairs from a JSON file; refuse any other file with the code `geometry-file`."""
-    with input_errors_translated():
-        return read_json(path, PairedScanner, code="geometry-file", otherwise="no scanner of fixed pairs")
+    return read_json(path, PairedScanner, code="geometry-file", otherwise="no scanner of fixed pairs")
 
 
 def calibrate_fixed_pairs(

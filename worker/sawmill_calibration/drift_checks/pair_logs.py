@@ -77,10 +77,8 @@ def locate_marks(
         `InputError`: a file cannot be used, or the log leaves a detector.
     """
     given = read_paired_scanner(Path(scanner))
-    with input_errors_translated():
-        known = read_json(
-            Path(calibration), FixedPairsResult, code="calibration", otherwise="no answer of calibrate-pairs --json"
-        )
+    otherwise = "no answer of calibrate-pairs --json"
+    known = read_json(Path(calibration), FixedPairsResult, code="calibration", otherwise=otherwise)
     if not len(scans) == len(given.pairs) == len(known.pairs):
         numbers = f"{len(scans)} files, {len(given.pairs)} pairs, and {len(known.pairs)} calibrated ones"
         raise refused("contradiction", f"a log passes once, a file for each pair: there are {numbers}")

@@ -119,8 +119,6 @@ class PairRays:
         left = left if pair is None else left[self.of_pair == pair]
         square = left.T @ left / len(left) @ covariance
         mean, spread = float(np.trace(square)), float(np.trace(square @ square))
-        if mean <= 0.0:
-            return PredictedRays(0.0, 0.0)
         freedom = mean**2 / spread
         upper = mean * exceeded_chi_square(1.0 - PROMISED, freedom) / freedom
         return PredictedRays(math.sqrt(mean), math.sqrt(upper))
