@@ -377,7 +377,7 @@ class FineFit:
         return np.asarray((rows * np.sqrt(self.weights[number])).sum(axis=-2))
 
     def _products(self, columns: FloatArray, number: int) -> FloatArray:
-        """Return the products (n, n) of columns (n, samples); those of the last, the patches, are made once."""
+        """Return the products (n, n) of columns (n, samples); patches, which are the last, are multiplied once."""
         patches = len(self.patches[number])
         if number not in self._of_densities:
             self._of_densities[number] = columns[len(columns) - patches :] @ columns[len(columns) - patches :].T
@@ -456,7 +456,7 @@ class FineFit:
             through = self._scattering(self.x, number, primary, self._halos(self.x, number, primary)[1])
             blurring = self._blurring(model)
             if self.layout.sloped:
-                # Neighbouring groups are as far apart as each is long: two points have the mean of its rows (Gauss).
+                # Neighbouring groups are as far apart as each is long: two points have the mean of the rows (Gauss).
                 half_mm = float(np.diff(self.data[number].heights_mm).mean()) / math.sqrt(12.0)
                 ends = [self.model(self.x, number, way * half_mm).lengths for way in (-1.0, 1.0)]
                 *fans, slanted = self._sheared(number, model)

@@ -2,7 +2,7 @@
 
 The density of the log's shapes is attenuation per mm, so that projecting the log gives dimensionless line integrals.
 
-Rings are those of real wood, by measured moments: the median width and the contrast of the CT slice of a tree
+Rings are as in real wood, by measured moments: the median width and the contrast of the CT slice of a tree
 (docs/understand/wood.md); the spread of widths, their correlation, the late wood's share and the rings' densities of
 three increment cores (UGent-Woodlab, XCT.read); the pith's distance of a fir's section (M. Ishida, TreeRingShape); the
 outlines of the section's 38 rings and of the slice. The fir's radius about a ring's centre varies by 3.1 % RMS: 23 % of
