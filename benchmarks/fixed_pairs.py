@@ -16,16 +16,16 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from measurement import Measurement, check_lines, commit
 from rich.progress import track
 
-from sawmill_tomography.geometry.geometry import GeometryError, to_vector
+from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, to_vector
 from sawmill_tomography.pairs.calibrate import PairsTask, calibrate_pairs
-from sawmill_tomography.pairs.passages import PairData
-from sawmill_tomography.pairs.ray_errors import PairRays, pair_ray_error
+from sawmill_tomography.pairs.passages import PairData, moved_frames
+from sawmill_tomography.pairs.ray_errors import PairRays, rigid_motion
 from sawmill_tomography.phantoms.built_in import L_SHAPE
 from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM
 from sawmill_tomography.phantoms.phantom import Phantom, Polygon
@@ -115,6 +115,25 @@ def data_of(passed: PassedPair, pair: FixedPair) -> PairData:
     parts = np.array_split(np.arange(ROWS), GROUPS)
     lines = np.stack([-np.log(through[:, rows]).mean(axis=1) for rows in parts], axis=1)
     return PairData(lines, np.array([heights[rows].mean() for rows in parts]), DetectorCells.of(pair.scanner))
+
+
+class PairRayError(NamedTuple):
+    """Distances in mm after the common rigid motion and scale that make their RMS least."""
+
+    rms_mm: float
+    of_pairs_mm: list[float]
+    scale_change: float  # by this share the other geometry is larger
+
+
+def pair_ray_error(true: PairRays, frames: FloatArray) -> PairRayError:
+    """Compute the RMS distance between true rays and rays of other frames (pairs, 5), of all and of each pair."""
+    placed, scale = moved_frames(frames, rigid_motion(true, frames).tolist()), 1.0
+    for _ in range(10):
+        *motion, larger = np.linalg.lstsq(true.gauge, -true.distances(placed))[0].tolist()
+        placed, scale = moved_frames(placed * [1.0, 1.0 + larger, 1.0, 1.0, 1.0], motion), scale * (1.0 + larger)
+    squares = true.distances(placed) ** 2
+    own = [math.sqrt(squares[true.of_pair == pair].mean()) for pair in range(len(frames))]
+    return PairRayError(math.sqrt(squares.mean()), own, 1.0 / scale - 1.0)
 
 
 def outcome(kind: str, number: int, count: int, seed: int) -> Line:

@@ -24,7 +24,7 @@ from sawmill_tomography.geometry.geometry import FloatArray, SourceFrame, rotate
 from sawmill_tomography.pairs.agreement import agreement
 from sawmill_tomography.pairs.calibrate import FoundPairs, PairsTask, calibrate_pairs
 from sawmill_tomography.pairs.log_pictures import log_pictures
-from sawmill_tomography.pairs.marks import Sights, marks_of
+from sawmill_tomography.pairs.marks import Sights
 from sawmill_tomography.pairs.ray_errors import PairRays, rigid_motion
 from sawmill_tomography.phantoms.log_model import LogModel
 from sawmill_tomography.physics.passages import simulate_passages
@@ -37,29 +37,14 @@ PAIRS, LOGS_EACH, MOVED_MM, NEAR_MM = (2, 3, 4, 6), 5, 2.0, 3.0
 Line = dict[str, Any]
 
 
-def sights_of(
-    stacks: Sequence[FloatArray],
-    scanner: PairedScanner,
-    frames: Sequence[SourceFrame],
-    rays_mm: FloatArray,
-    scale: float,
-) -> Sights:
-    """Find the marks of a log, with the predicted errors of the rays, and of the scale."""
-    pictures = log_pictures(stacks, scanner.pairs, frames, ROW_PITCH_MM)
-    marks = [marks_of(each, pictures.cells_mm, pictures.heights_mm) for each in pictures.lines]
-    return Sights(pictures, marks, rays_mm, scale)
-
-
 def log_lines(
     scanner: PairedScanner, frames: Sequence[SourceFrame], seed: int, rows: int = 40
 ) -> tuple[list[FloatArray], FloatArray]:
     """Simulate a log's passage; return line integrals (rows, cells) of each pair and the places (marks, 3) of metal."""
-    log, [lies] = (
-        LogModel.with_nails(seed, length_mm=rows * ROW_PITCH_MM),
-        passages(1, 0.3, np.random.default_rng(seed)),
-    )
+    log = LogModel.with_nails(seed, length_mm=rows * ROW_PITCH_MM)
+    [lies] = passages(1, 0.3, np.random.default_rng(seed))
     about = {"rows": rows, "row_pitch_mm": ROW_PITCH_MM, "photons": PHOTONS, "seed": seed}
-    passed = simulate_passages(log.slice_about_middle, scanner, frames, [lies], Physics(BEAM, DETECTOR), **about)
+    passed = simulate_passages(log.slice_at, scanner, frames, [lies], Physics(BEAM, DETECTOR), **about)
     air = [one.flats.mean(axis=0) - one.darks.mean(axis=0) for one in passed]
     through = [(one.counts[0] - one.darks.mean(axis=0)) / level for one, level in zip(passed, air, strict=True)]
     places = np.array([lies.place_of(place) for place in log.metal_places_mm])
@@ -84,14 +69,15 @@ def outcome(number: int, seed: int) -> Line:
     stacks, metal = log_lines(scanner, true, number)
     frames = [pair.frame for pair in found.pairs]
     known = np.array([pair.rays.rms_mm for pair in found.pairs]), found.scale_percent_95 / 100.0 / TWO_SIDED_95
-    sights = sights_of(stacks, scanner, frames, *known)
+    sights = Sights.of(log_pictures(stacks, scanner.pairs, frames, ROW_PITCH_MM), *known)
     rays = PairRays([pair.scanner for pair in scanner.pairs], np.array([*map(to_vector, true)]), found.radius_mm)
     *shift, turn = rigid_motion(rays, np.array([*map(to_vector, frames)]))
     marks = [one.place_mm for one in sights.bodies() if not one.is_ambiguous]
     places = [[*(np.array(rotate(turn, x, y)) + shift), height] for x, y, height in marks]
     off = np.linalg.norm(metal[:, None] - np.array(places).reshape(-1, 3), axis=2)
     moved = to_vector(frames[1]) + np.array([0.0, 0.0, 0.0, MOVED_MM * frames[1].magnification, 0.0])
-    after = sights_of(stacks, scanner, [frames[0], SourceFrame.from_vector(moved), *frames[2:]], *known)
+    frames[1] = SourceFrame.from_vector(moved)
+    after = Sights.of(log_pictures(stacks, scanner.pairs, frames, ROW_PITCH_MM), *known)
     before, then = (agreement(each, 1.0) for each in (sights, after))
     return {
         "pairs": len(scanner.pairs),

@@ -7,12 +7,13 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from fixed_pairs import pair_ray_error
 from pydantic import TypeAdapter
 from recorded_apart import recorded_apart
 
 from sawmill_contracts.fixed_pairs import FixedPairsResult
 from sawmill_tomography.geometry.geometry import to_vector
-from sawmill_tomography.pairs.ray_errors import PairRays, pair_ray_error
+from sawmill_tomography.pairs.ray_errors import PairRays
 from sawmill_vocabulary import PairedScanner
 
 pytestmark = pytest.mark.slow

@@ -7,13 +7,11 @@ import numpy as np
 import pytest
 from results import fixed_pairs_result
 
-from sawmill_tomography.geometry.geometry import to_vector
 from sawmill_vocabulary import FixedPair
 
 pytestmark = pytest.mark.slow
 
 FOUR = Path(__file__).parents[2] / "examples/fixed-pairs.json"
-COUNTS = ("--data", "counts")
 
 
 @pytest.fixture(scope="module")
@@ -24,17 +22,16 @@ def passed(run, tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "three.json").write_text(json.dumps({"pairs": pairs}))
     once = ("--passages", 1, "--rows", 30, "--seed", 4)
     run("simulate", "log", "--pairs", folder / "three.json", *once, "-o", folder / "log.h5")
-    names = ("psi_rad", "source_distance_mm", "source_to_detector_mm", "cor_column_mm", "tilt_rad")
-    numbers = [dict(zip(names, to_vector(FixedPair(**pair).frame).tolist(), strict=True)) for pair in pairs]
     about = fixed_pairs_result()["pairs"][0] | {"predicted_rms_mm": 0.02}
-    known = fixed_pairs_result(pairs=[about | {"source_frame": frame} for frame in numbers])
+    known = fixed_pairs_result(pairs=[about | {"source_frame": vars(FixedPair(**pair).frame)} for pair in pairs])
     (folder / "known.json").write_text(json.dumps(known))
     return folder
 
 
-def arguments(folder: Path, *files: Path) -> tuple[object, ...]:
-    of_log = files or [folder / f"log-{number}.h5" for number in (1, 2, 3)]
-    return "locate-marks", folder / "three.json", folder / "known.json", *of_log, *COUNTS
+def arguments(folder: Path, *last: Path) -> list[object]:
+    """The files of the log, with the last ones replaced."""
+    files = [*(folder / f"log-{number}.h5" for number in (1, 2, 3))][: 3 - len(last)]
+    return ["locate-marks", folder / "three.json", folder / "known.json", *files, *last, "--data", "counts"]
 
 
 def test_nails_are_where_the_simulation_says_and_the_aligned_scan_is_reconstructed(run, passed):
@@ -55,12 +52,10 @@ def test_nails_are_where_the_simulation_says_and_the_aligned_scan_is_reconstruct
 
 
 def test_files_that_are_no_log_of_these_pairs_are_refused_in_one_sentence(run, failure, passed, tmp_path):
-    files = [passed / f"log-{number}.h5" for number in (1, 2, 3)]
-    fewer = failure(*arguments(passed, *files[:1]))
-    assert fewer["detail"].endswith("there are 1 files, 3 pairs, and 3 calibrated ones")
+    line = arguments(passed)
+    assert failure(*line[:4], *line[6:])["detail"].endswith("there are 1 files, 3 pairs, and 3 calibrated ones")
     run("simulate", "log", "--pairs", passed / "three.json", "--rows", 3, "--passages", 1, "-o", tmp_path / "short.h5")
-    short = failure(*arguments(passed, *files[:2], tmp_path / "short-3.h5"))
-    assert short["detail"].startswith("pair 3 has (views, rows, cells) = (1, 3, 768), 2 mm apart")
-    line = list(arguments(passed))
+    short = failure(*arguments(passed, tmp_path / "short-3.h5"))
+    assert short["detail"].startswith("pair 3 has (views, rows) = (1, 3), 2 mm apart")
     line[2] = passed / "three.json"
     assert "three.json is no answer of calibrate-pairs --json" in failure(*line)["detail"]

@@ -5,13 +5,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from fixed_pairs import KINDS, PHOTONS, ROW_PITCH_MM, ROWS, body, data_of, machine, passages
+from fixed_pairs import KINDS, PHOTONS, ROW_PITCH_MM, ROWS, body, data_of, machine, pair_ray_error, passages
 from tests.support.exact_chords import Detector, slanted
 
 from sawmill_tomography.geometry.geometry import FloatArray, SourceFrame, rotate, to_vector
 from sawmill_tomography.pairs.calibrate import FoundPairs, PairsTask, calibrate_pairs
 from sawmill_tomography.pairs.passages import PairData
-from sawmill_tomography.pairs.ray_errors import PairRays, pair_ray_error
+from sawmill_tomography.pairs.ray_errors import PairRays
 from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.physics.passages import Passage, simulate_passages

@@ -186,7 +186,7 @@ def write_passages(
     ]
     lies, log = random_passages(passages, seed), LogModel.with_nails(seed, length_mm=rows * row_pitch_mm)
     passed = simulate_passages(
-        log.slice_about_middle if body is None else body.centred(),
+        log.slice_at if body is None else body.centred(),
         scanner,
         frames,
         lies,

@@ -86,9 +86,8 @@ def locate_marks(
     with answering(as_json=as_json), showing_progress("marks") as progress:
         from sawmill_calibration.drift_checks import pair_logs
 
-        files = scans, pairs, calibrated
         log = pair_logs.locate_marks(
-            *files, data=data, tolerance_mm=tolerance_mm, aligned=aligned, on_progress=progress
+            scans, pairs, calibrated, data=data, tolerance_mm=tolerance_mm, aligned=aligned, on_progress=progress
         )
     if as_json:
         print_json(asdict(log))

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from fixed_pairs import pair_ray_error
 from tests.support.exact_chords import Detector
 
 from sawmill_tomography.geometry.geometry import GeometryError, SourceFrame, rotate
 from sawmill_tomography.pairs.passages import by_pose, moved_frames, seen_by_views
-from sawmill_tomography.pairs.ray_errors import PairRays, pair_ray_error
+from sawmill_tomography.pairs.ray_errors import PairRays
 from sawmill_vocabulary import Scanner
 
 CELLS, PITCH_MM = 768, 1.2
@@ -69,7 +70,7 @@ def test_the_predicted_error_is_that_of_draws_from_the_covariance():
     rng = np.random.default_rng(7)
     root = rng.normal(size=(15, 15)) * np.tile([2e-4, 0.3, 0.3, 0.3, 2e-4], 3)[:, None]
     drawn = rng.normal(size=(300, 15)) @ root.T
-    errors = np.array([pair_ray_error(RAYS, FRAMES + off.reshape(3, 5)) for off in drawn], object)
+    errors = [pair_ray_error(RAYS, FRAMES + off.reshape(3, 5)) for off in drawn]
     predicted = RAYS.predicted(root @ root.T)
     squares = np.array([[error.rms_mm, *error.of_pairs_mm, error.scale_change] for error in errors]) ** 2
     of_pairs = [RAYS.predicted(root @ root.T, pair).rms_mm for pair in range(3)]

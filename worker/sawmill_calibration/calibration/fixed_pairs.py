@@ -4,7 +4,9 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from itertools import cycle
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -34,8 +36,7 @@ DEAD = 0.25
 
 def read_paired_scanner(path: Path) -> PairedScanner:
     """Read a scanner of fixed pairs from a JSON file; refuse any other file with the code `geometry-file`."""
-    with input_errors_translated():
-        return read_json(path, PairedScanner, code="geometry-file", otherwise="no scanner of fixed pairs")
+    return read_json(path, PairedScanner, code="geometry-file", otherwise="no scanner of fixed pairs")
 
 
 def calibrate_fixed_pairs(
@@ -136,19 +137,11 @@ def calibrate_passages(
     drawn = to_phantom(drawing)
     board = drawn if options.handedness is Handedness.AS_DRAWN else drawn.mirrored()
     files: list[list[_PassageFile]] = [[] for _ in pairs]
-    for number, source in enumerate(sources):
-        passage, pair = divmod(number, len(pairs))
-        report = part_of(on_progress, 0.5 * number / len(sources), 0.5 * (number + 1) / len(sources))
-        named = f"pair {pair + 1}" + (f", passage {passage + 1}" if len(sources) > len(pairs) else "")
-        with (
-            named_file(named),
-            open_rows(source, source_to_cor_mm=pairs[pair].source_distance_mm, on_progress=report) as rows,
-        ):
-            files[pair].append(_PassageFile(rows, rows.stack()))
-        (shown, _, cells), (others, _, _) = (files[index][-1].stack.shape for index in (pair, 0))
-        if cells != pairs[pair].num_detector_pixels:
-            due = pairs[pair].num_detector_pixels
-            raise refused("other-detector", f"{named} has {cells} cells in its scan, and num_detector_pixels is {due}")
+    read = read_passages(sources, scanner, part_of(on_progress, 0.0, 0.5))
+    for of_pair, (named, rows, stack) in zip(cycle(files), read, strict=False):
+        with _named(named):
+            of_pair.append(_PassageFile(rows, stack, board_rows(stack)))
+        shown, others = len(stack), len(files[0][-1].stack)
         if shown * (len(sources) // len(pairs)) > MOST_PASSAGES:
             raise refused(
                 "contradiction",
@@ -177,7 +170,7 @@ def calibrate_passages(
 
 
 @contextmanager
-def named_file(file: str) -> Iterator[None]:
+def _named(file: str) -> Iterator[None]:
     """Begin the sentence of a refusal with the file's place among the others."""
     try:
         with input_errors_translated():
@@ -186,11 +179,30 @@ def named_file(file: str) -> Iterator[None]:
         raise refused(error.code, f"{file}: {error.detail}") from error
 
 
-class _PassageFile:
+def read_passages(
+    sources: Sequence[ScanSource], scanner: PairedScanner, on_progress: ProgressCallback
+) -> Iterator[tuple[str, ScanRows, NDArray[np.float32]]]:
+    """Read files of `sources_of`: the name in sentences, the rows, and the line integrals (views, rows, cells)."""
+    for number, source in enumerate(sources):
+        passage, place = divmod(number, len(scanner.pairs))
+        pair = scanner.pairs[place]
+        report = part_of(on_progress, number / len(sources), (number + 1) / len(sources))
+        named = f"pair {place + 1}" + (f", passage {passage + 1}" if len(sources) > len(scanner.pairs) else "")
+        opened = open_rows(source, source_to_cor_mm=pair.source_distance_mm, on_progress=report)
+        with _named(named), opened as rows:
+            stack = rows.stack()
+        cells, due = stack.shape[-1], pair.num_detector_pixels
+        if cells != due:
+            raise refused("other-detector", f"{named} has {cells} cells in its scan, and num_detector_pixels is {due}")
+        yield named, rows, stack
+
+
+class _PassageFile(NamedTuple):
     """One file of a pair: its rows, and which of them show the board."""
 
-    def __init__(self, rows: ScanRows, stack: NDArray[np.float32]) -> None:
-        self.rows, self.stack, self.board = rows, stack, board_rows(stack)
+    rows: ScanRows
+    stack: NDArray[np.float32]
+    board: slice
 
 
 def board_rows(stack: NDArray[np.float32]) -> slice:

@@ -1,16 +1,15 @@
 """Logs on a scanner of fixed pairs: marks in three dimensions, whether the pairs still agree, and scans for images."""
 
 import json
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from sawmill_calibration.calibration.fixed_pairs import bridged, named_file, read_paired_scanner, sources_of
+from sawmill_calibration.calibration.fixed_pairs import bridged, read_paired_scanner, read_passages, sources_of
 from sawmill_calibration.failures import input_errors_translated, read_json, refused
-from sawmill_calibration.scans.scan_rows import open_rows, part_of, unreported
+from sawmill_calibration.scans.scan_rows import unreported
 from sawmill_calibration.view_vectors import vectors_of
 from sawmill_contracts.fixed_pairs import FixedPairsResult
 from sawmill_formats.output.scan_writer import new_scan
@@ -18,7 +17,7 @@ from sawmill_tomography.calibration.scale import TWO_SIDED_95
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.pairs.agreement import PairAgreement, agreement
 from sawmill_tomography.pairs.log_pictures import LogPictures, log_pictures
-from sawmill_tomography.pairs.marks import Body, Sights, marks_of
+from sawmill_tomography.pairs.marks import Body, Sights
 from sawmill_vocabulary import CellOrder, DataKind, ProgressCallback
 
 
@@ -38,7 +37,7 @@ class LogOnPairs:
     """What a log shows of itself, and of the pairs that it passed."""
 
     marks: tuple[LocatedMark, ...] = field(metadata={"description": "By height."})
-    unplaced: tuple[int, ...] = field(metadata={"description": "Number of each pair's marks that are in no place."})
+    unplaced: int = field(metadata={"description": "Number of marks in the pairs' pictures that are in no place."})
     agreement: PairAgreement = field(metadata={"description": "Whether the pairs still agree."})
 
 
@@ -78,46 +77,37 @@ def locate_marks(
         `InputError`: a file cannot be used, or the log leaves a detector.
     """
     given = read_paired_scanner(Path(scanner))
-    with input_errors_translated():
-        known = read_json(
-            Path(calibration), FixedPairsResult, code="calibration", otherwise="no answer of calibrate-pairs --json"
-        )
+    otherwise = "no answer of calibrate-pairs --json"
+    known = read_json(Path(calibration), FixedPairsResult, code="calibration", otherwise=otherwise)
     if not len(scans) == len(given.pairs) == len(known.pairs):
         numbers = f"{len(scans)} files, {len(given.pairs)} pairs, and {len(known.pairs)} calibrated ones"
         raise refused("contradiction", f"a log passes once, a file for each pair: there are {numbers}")
     sources = sources_of([Path(path) for path in scans], given, DataKind(data))
     stacks, pitches_mm = list[FloatArray](), list[float]()
-    for number, (source, pair, found) in enumerate(zip(sources, given.pairs, known.pairs, strict=True), 1):
-        report = part_of(on_progress, (number - 1) / len(sources), number / len(sources))
-        opened = open_rows(source, source_to_cor_mm=pair.source_distance_mm, on_progress=report)
-        with named_file(f"pair {number}"), opened as rows:
-            stack = rows.stack()
-            pitches_mm.append(rows.scanner.row_pitch_mm or 0.0)
-        due = (1, len(stacks[0]) if stacks else stack.shape[1], pair.num_detector_pixels)
-        if stack.shape != due or pitches_mm[-1] != pitches_mm[0] or not pitches_mm[0]:
-            shape = f"{stack.shape}, {pitches_mm[-1]:g} mm apart, and {due}, {pitches_mm[0]:g} mm apart, is due"
-            raise refused(
-                "other-detector",
-                f"pair {number} has (views, rows, cells) = {shape}: a log has one view, and rows with a distance",
-            )
+    for found, (named, rows, stack) in zip(known.pairs, read_passages(sources, given, on_progress), strict=True):
+        pitches_mm.append(rows.scanner.row_pitch_mm or 0.0)
+        due = (1, len(stacks[0]) if stacks else stack.shape[1])
+        if stack.shape[:2] != due or pitches_mm[-1] != pitches_mm[0] or not pitches_mm[0]:
+            shape = f"{stack.shape[:2]}, {pitches_mm[-1]:g} mm apart, and {due}, {pitches_mm[0]:g} mm apart, is due"
+            needs = "a log has one view, and rows with a distance"
+            raise refused("other-detector", f"{named} has (views, rows) = {shape}: {needs}")
         way = -1 if found.cell_order is CellOrder.COUNTER_CLOCKWISE else 1
         stacks.append(bridged(stack[0, :, ::way].astype(np.float64)))
     with input_errors_translated():
         pictures = log_pictures(stacks, given.pairs, [pair.source_frame for pair in known.pairs], pitches_mm[0])
     if aligned is not None:
         _write_aligned(pictures, aligned)
-    marks = [marks_of(lines, pictures.cells_mm, pictures.heights_mm) for lines in pictures.lines]
     errors = np.array([pair.predicted_rms_mm for pair in known.pairs])
-    sights = Sights(pictures, marks, errors, known.scale_uncertainty_percent / 100.0 / TWO_SIDED_95)
+    sights = Sights.of(pictures, errors, known.scale_uncertainty_percent / 100.0 / TWO_SIDED_95)
     bodies = sights.bodies()
-    unplaced = [len(own) - len({body.marks.get(pair) for body in bodies} - {None}) for pair, own in enumerate(marks)]
-    return LogOnPairs((*map(_located, bodies),), (*unplaced,), agreement(sights, tolerance_mm))
+    placed = {mark for body in bodies for mark in body.marks.items()}
+    unplaced = sum(map(len, sights.marks)) - len(placed)
+    return LogOnPairs((*map(_located, bodies),), unplaced, agreement(sights, tolerance_mm))
 
 
 def _located(body: Body) -> LocatedMark:
-    off = body.distances_mm - body.normals @ body.place_mm[:2]
     numbers = (*body.place_mm.tolist(),), (*body.deviations_mm.tolist(),), (*sorted(pair + 1 for pair in body.marks),)
-    return LocatedMark(*numbers, math.sqrt(float(np.mean(off**2))), body.is_ambiguous)
+    return LocatedMark(*numbers, body.residual_mm, body.is_ambiguous)
 
 
 def _write_aligned(pictures: LogPictures, path: Path) -> None:

@@ -35,7 +35,6 @@ class PairAgreement:
     suspect: int | None = field(
         default=None, metadata=described("The pair, from 1, whose motion explains it far best.")
     )
-    marks: int = field(default=0, metadata=described("Number of marks that were used."))
 
 
 class _Meeting(NamedTuple):
@@ -101,7 +100,7 @@ def agreement(sights: Sights, tolerance_mm: float) -> PairAgreement:
             suspect = int(left.argmin()) + 1
     elif (np.abs(moved) + within).max() <= tolerance_mm:
         state = "agree"
-    return PairAgreement(state, (*moved.tolist(),), (*within.tolist(),), suspect, len(used))
+    return PairAgreement(state, (*moved.tolist(),), (*within.tolist(),), suspect)
 
 
 def _meeting(normals: FloatArray, distances: FloatArray, known_mm: float, pairs: Sequence[int], count: int) -> _Meeting:

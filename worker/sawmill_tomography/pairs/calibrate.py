@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import combinations
 
 import numpy as np
@@ -113,7 +114,7 @@ def calibrate_pairs(task: PairsTask, *, on_progress: ProgressCallback = lambda _
     if orders.left_share > SUSPECT:
         other, _ = _ordered(board.mirrored(), task, nominal)
         orders = replace(orders, other_share=other.left_share)
-    data = [one.reversed if turned else one for one, turned in zip(task.data, orders.reversed, strict=True)]
+    data = _in_order(task.data, orders.reversed)
     on_progress(Progress(fraction=0.3, stage="fit"))
     fit, converged = _fitted(board, data, several, nominal, task, seed)
     on_progress(Progress(fraction=0.9, stage="bounds"))
@@ -122,15 +123,9 @@ def calibrate_pairs(task: PairsTask, *, on_progress: ProgressCallback = lambda _
 
 
 def _check(task: PairsTask) -> None:
-    """Refuse data that cannot belong to the scanner, and pairs that see nothing."""
-    if len(task.data) != len(task.scanner.pairs):
-        raise GeometryError(f"the scanner has {len(task.scanner.pairs)} pairs, and the scan {len(task.data)}")
-    for number, (one, pair) in enumerate(zip(task.data, task.scanner.pairs, strict=True), 1):
+    """Refuse pairs with few cells, and pairs that see nothing."""
+    for number, one in enumerate(task.data, 1):
         cells = one.lines.shape[-1]
-        if cells != pair.num_detector_pixels:
-            raise GeometryError(
-                f"pair {number} has {cells} cells in its scan, and num_detector_pixels is {pair.num_detector_pixels}"
-            )
         if cells < 2 * COARSE:
             raise GeometryError(f"pair {number} has {cells} cells, and at least {2 * COARSE} are needed")
         shadows = np.ptp(one.binned(COARSE).lines, axis=-1)
@@ -151,7 +146,7 @@ class _Orders:
     """Which pairs' cells were read backwards, and by how many standard deviations the other order is worse."""
 
     reversed: tuple[bool, ...]
-    deviations: tuple[float | None, ...]
+    deviations: Sequence[float | None]
     left_share: float  # share of the shadow that the start leaves, and that it leaves of the board from its other side
     other_share: float = math.inf
 
@@ -161,30 +156,29 @@ def _ordered(board: Phantom, task: PairsTask, nominal: Nominal) -> tuple[_Orders
     coarse = [one.binned(COARSE) for one in task.data]
     unknown = [number for number, pair in enumerate(task.scanner.pairs) if pair.cell_order is None]
     stated = tuple(pair.cell_order is CellOrder.COUNTER_CLOCKWISE for pair in task.scanner.pairs)
-    tried: dict[tuple[bool, ...], list[Placed]] = {}
 
-    def fitted(turned: tuple[bool, ...]) -> Placed:
-        if turned not in tried:
-            data = [one.reversed if back else one for one, back in zip(coarse, turned, strict=True)]
-            tried[turned] = starts(board, data, nominal)
-        return tried[turned][0]
+    @cache
+    def fitted(turned: tuple[bool, ...]) -> list[Placed]:
+        return starts(board, _in_order(coarse, turned), nominal)
 
     best = stated
     for several in (1, 2):
         improved = True
         while improved:
             others = [_flipped(best, places) for places in combinations(unknown, several)]
-            here = min([best, *others], key=lambda turned: fitted(turned).power)
+            here = min([best, *others], key=lambda turned: fitted(turned)[0].power)
             improved, best = here != best, here
-        if several == 1 and _share_left(coarse, fitted(best)) < NO_FIT:
+        if several == 1 and _share_left(coarse, fitted(best)[0]) < NO_FIT:
             break
-    start = fitted(best)
+    start = fitted(best)[0]
     unit = start.power / max(sum(one.lines.size for one in coarse) - start.frames.size, 1)
-    deviations = tuple(
-        math.sqrt(max(fitted(_flipped(best, (number,))).power - start.power, 0.0) / unit) if number in unknown else None
-        for number in range(len(best))
-    )
-    return _Orders(best, deviations, _share_left(coarse, start)), tried[best]
+    worse = {number: fitted(_flipped(best, (number,)))[0].power - start.power for number in unknown}
+    deviations = [math.sqrt(max(worse[at], 0.0) / unit) if at in worse else None for at in range(len(best))]
+    return _Orders(best, deviations, _share_left(coarse, start)), fitted(best)
+
+
+def _in_order(data: Sequence[PairData], turned: Sequence[bool]) -> list[PairData]:
+    return [one.reversed if back else one for one, back in zip(data, turned, strict=True)]
 
 
 def _flipped(turned: tuple[bool, ...], places: Sequence[int]) -> tuple[bool, ...]:
@@ -206,7 +200,7 @@ def _fitted(
         fits.append(FineFit(board, middle, placed, from_counts=task.from_counts, corner_mm=task.corner_mm))
         fits[-1].settle()
     # Each fit has measured its own noise: they are compared by the same.
-    fit = min(fits, key=lambda one: one.power_by(fits[0]))
+    fit = min(fits, key=lambda one: one.power(one.x, fits[0]))
     fit = fit.of_rows(data)
     fit.solve()
     fit.weigh()

@@ -156,15 +156,13 @@ def together(board: Phantom, data: Sequence[PairData], start: Placed, nominal: N
 
     at, damping = start, 1e-3
     normal, score, power = system(at)
-    departure = np.zeros(size)
 
     def drawn(placed: Placed, unit: float) -> float:
         return float(unit * (((placed.frames - nominal.frames) / nominal.deviations) ** 2).sum())
 
     for _ in range(STEPS):
         unit = power / max(samples - size, 1)
-        departure[: 5 * pairs] = (at.frames - nominal.frames).ravel()
-        departure[5 * pairs :] = 0.0
+        departure = np.append((at.frames - nominal.frames).ravel(), np.zeros(3 * passages))
         prior = unit * precision
         whole = normal + np.diag(prior)
         pull = score - prior * departure

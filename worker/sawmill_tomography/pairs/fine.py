@@ -146,15 +146,12 @@ class FineFit:
         self.weights = [np.ones_like(lines) for lines in self.lines]
         self.shares = [np.zeros(one.cells.count) for one in data]
         self._of_densities = dict[int, FloatArray]()
+        # Per mm, by regression of the lines on the board's lengths.
         self.attenuation = [1.0] * len(data)
-        self.attenuation = [self._attenuation(number) for number in range(len(data))]
+        models = [self.model(self.x, number).with_view_gains(weights) for number, weights in enumerate(self.weights)]
+        self.attenuation = [float(np.median(model.gain)) for model in models]
         self.longest = [float(np.ptp(lines)) for lines in self.lines]
         self.weigh()
-
-    def _attenuation(self, number: int) -> float:
-        """Return the attenuation per mm of one pair, by regression of the lines on the board's lengths."""
-        model = self.model(self.x, number).with_view_gains(self.weights[number])
-        return float(np.median(model.gain))
 
     def of_rows(self, data: Sequence[PairData]) -> "FineFit":
         """Return the fit at the same point for data in groups of rows."""
@@ -264,29 +261,18 @@ class FineFit:
             least = max(LEAST_NOISE * float(variance.mean()), (1e-6 * float(np.ptp(lines))) ** 2)
             stripes = striped(lines - predicted)
             self.weights[number] = 1.0 / np.maximum(variance - stripes, np.maximum(OWN_SHARE * variance, least))
-            self._set_stripes(number, stripes)
+            # Of each cell's sum over the views, what its flat field leaves in all views alike.
+            self.shares[number] = stripes / (1.0 + stripes * self.weights[number].sum(axis=0))
         self._of_densities = {}
 
-    def _set_stripes(self, number: int, variance: float) -> None:
-        """Set how much of each cell's sum over the views is due to what its flat field leaves in all views alike."""
-        self.shares[number] = variance / (1.0 + variance * self.weights[number].sum(axis=0))
-
-    def power(self, x: FloatArray) -> float:
-        """Return the weighted sum of squares of the residual, and of the departures from the priors."""
-        total = float(self.precision @ (x - self.held) ** 2)
-        for number, weights in enumerate(self.weights):
+    def power(self, x: FloatArray, by: "FineFit | None" = None) -> float:
+        """Return the sum of squares of the residual, weighted as in a fit, and of the departures from the priors."""
+        total, by = float(self.precision @ (x - self.held) ** 2), by or self
+        for number, weights in enumerate(by.weights):
             residual = self.residual(x, number)
             weighted = weights * residual
-            total += float((weighted * residual).sum() - self.shares[number] @ weighted.sum(axis=0) ** 2)
+            total += float((weighted * residual).sum() - by.shares[number] @ weighted.sum(axis=0) ** 2)
         return total
-
-    def power_by(self, other: "FineFit") -> float:
-        """Return the power of this fit with the weights of another."""
-        own = self.weights, self.shares
-        self.weights, self.shares = other.weights, other.shares
-        power = self.power(self.x)
-        self.weights, self.shares = own
-        return power
 
     def columns(self, x: FloatArray, number: int) -> tuple[NDArray[np.intp], FloatArray, FloatArray]:
         """Return the places of the unknowns of one pair, their columns (n, views, cells), and the residual.
@@ -311,9 +297,13 @@ class FineFit:
         heights = np.tile(self.data[number].heights_mm, passages)[:, None]
         pose = soft(chain * by_pose(self._poses(x, number), rows[0], rows[5:7]))
         poses = (of_passage * pose).reshape(-1, *predicted.shape)
-        wood = soft(chain * np.stack([rows[10], rows[11], self._rounding(model), rows[8], rows[9]]))
+        rounder = replace(model, sizes={**model.sizes, Term.CORNERS: model.size(Term.CORNERS) + ROUND_STEP})
+        rounding = (rounder.lengths - model.lengths) / ROUND_STEP
+        wood = soft(chain * np.stack([rows[10], rows[11], rounding, rows[8], rows[9]]))
         corners = soft(chain * self._moved_corners(x, model))
-        blurred = (self.prediction(self._changed(x, number, Term.BLUR, BLUR_STEP), number) - predicted) / BLUR_STEP
+        wider = x.copy()
+        wider[layout.part(OPTICS).start + OF_OPTICS * number] += BLUR_STEP
+        blurred = (self.prediction(wider, number) - predicted) / BLUR_STEP
         optics = [blurred, *(-halos / total), *through(self._bent(number, straight))]
         smooth = np.broadcast_to(self._smooth(number)[:, None], (len(OF_VIEW) - 1, *predicted.shape))
         gains = soft(np.concatenate([[model.sharp - model.offset], smooth]))
@@ -334,18 +324,6 @@ class FineFit:
         root = np.sqrt(self.weights[number])
         columns = np.concatenate([own for _, own in parts.values()])
         return np.concatenate(places), columns * root, (self.lines[number] - predicted) * root
-
-    def _changed(self, x: FloatArray, number: int, term: Term, step: float) -> FloatArray:
-        """Return the unknowns with one term of a pair larger by a step."""
-        there = x.copy()
-        there[self.layout.part(OPTICS).start + OF_OPTICS * number + list(OF_PAIR).index(term)] += step
-        return there
-
-    @staticmethod
-    def _rounding(model: ScanModel) -> FloatArray:
-        """Return the derivative of the lengths by the square of the radius of all corners."""
-        more = replace(model, sizes={**model.sizes, Term.CORNERS: model.size(Term.CORNERS) + ROUND_STEP})
-        return np.asarray((more.lengths - model.lengths) / ROUND_STEP)
 
     def _moved_corners(self, x: FloatArray, model: ScanModel) -> FloatArray:
         """Return the derivatives of the lengths by the places of the corners, (coordinates, views, cells)."""
@@ -399,7 +377,7 @@ class FineFit:
         return np.asarray((rows * np.sqrt(self.weights[number])).sum(axis=-2))
 
     def _products(self, columns: FloatArray, number: int) -> FloatArray:
-        """Return the products (n, n) of columns (n, samples); those of the last, the patches, are made once."""
+        """Return the products (n, n) of columns (n, samples); patches, which are the last, are multiplied once."""
         patches = len(self.patches[number])
         if number not in self._of_densities:
             self._of_densities[number] = columns[len(columns) - patches :] @ columns[len(columns) - patches :].T
@@ -478,7 +456,7 @@ class FineFit:
             through = self._scattering(self.x, number, primary, self._halos(self.x, number, primary)[1])
             blurring = self._blurring(model)
             if self.layout.sloped:
-                # Neighbouring groups are as far apart as each is long: two points have the mean of its rows (Gauss).
+                # Neighbouring groups are as far apart as each is long: two points have the mean of the rows (Gauss).
                 half_mm = float(np.diff(self.data[number].heights_mm).mean()) / math.sqrt(12.0)
                 ends = [self.model(self.x, number, way * half_mm).lengths for way in (-1.0, 1.0)]
                 *fans, slanted = self._sheared(number, model)
@@ -536,20 +514,12 @@ class FineFit:
 
     def covariance(self) -> FloatArray:
         """Return the covariance of all unknowns: what neighbouring cells share in the residual counts once."""
-        normal = np.diag(self.precision)
-        spread = normal.copy()
+        normal, _ = self.system(self.x)
+        spread, groups = normal.copy(), self.data[0].lines.shape[1]
         parts = [self.columns(self.x, number) for number in range(len(self.data))]
-        groups = self.data[0].lines.shape[1]
-        means = [_of_groups(residual, groups) for _, _, residual in parts]
-        shared = correlation(means)
-        for number, (places, columns, _) in enumerate(parts):
-            flat = columns.reshape(len(columns), -1)
-            sums = self._sums(columns, number)
-            product = flat @ flat.T - (sums * self.shares[number]) @ sums.T
-            normal[np.ix_(places, places)] += product
-            spread[np.ix_(places, places)] += product
-            together = _of_groups(columns, groups)
-            spread[np.ix_(places, places)] += _correlated(together, shared)
+        shared = correlation([_of_groups(residual, groups) for _, _, residual in parts])
+        for places, columns, _ in parts:
+            spread[np.ix_(places, places)] += _correlated(_of_groups(columns, groups), shared)
         inverse = scaled_inverse(normal)
         return inverse @ spread @ inverse
 
@@ -605,10 +575,6 @@ def with_corners(board: Phantom, moved: FloatArray) -> Phantom:
         points = [shape.center_mm] if isinstance(shape, Disc) else shape.vertices_mm
         corners = [(float(x), float(y)) for x, y in np.array(points) + left[: len(points)]]
         left = left[len(points) :]
-        moved_shape = (
-            replace(shape, center_mm=corners[0])
-            if isinstance(shape, Disc)
-            else replace(shape, vertices_mm=tuple(corners))
-        )
-        shapes.append(moved_shape)
+        places = {"center_mm": corners[0]} if isinstance(shape, Disc) else {"vertices_mm": tuple(corners)}
+        shapes.append(replace(shape, **places))
     return replace(board, shapes=tuple(shapes))

@@ -47,7 +47,7 @@ def log_pictures(
     for number, (stack, pair, frame) in enumerate(zip(stacks, pairs, frames, strict=True), 1):
         deepest = stack.max(axis=1)
         if not np.median(deepest) > max(2.0 * AIR_SHARE * deepest.max(), LEAST_SHADOW):
-            raise GeometryError(f"pair {number} shows a log in less than half of its rows: record the log alone")
+            raise GeometryError(f"pair {number} shows a log in less than half of the rows: record the log alone")
         if max(np.median(stack[:, :END_CELLS]), np.median(stack[:, -END_CELLS:])) > AIR_SHARE * deepest.max():
             raise GeometryError(f"the log leaves the detector of pair {number}: the cells at its end show no air")
         across, along = cell_points(pair.scanner, frame).T

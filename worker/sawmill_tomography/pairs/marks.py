@@ -46,6 +46,11 @@ class Body:
     chi_square: float
     is_ambiguous: bool = False
 
+    @property
+    def residual_mm(self) -> float:
+        """RMS distance of the place from the rays."""
+        return float(np.sqrt(np.mean((self.distances_mm - self.normals @ self.place_mm[:2]) ** 2)))
+
     def shares(self, other: "Body") -> bool:
         """Return whether a mark of this body is one of another."""
         return bool(self.marks.items() & other.marks.items())
@@ -85,6 +90,12 @@ class Sights:
     marks: Sequence[Sequence[Mark]]
     ray_errors_mm: FloatArray
     scale: float
+
+    @classmethod
+    def of(cls, pictures: LogPictures, ray_errors_mm: FloatArray, scale: float) -> "Sights":
+        """Find the marks in all pictures."""
+        marks = [marks_of(lines, pictures.cells_mm, pictures.heights_mm) for lines in pictures.lines]
+        return cls(pictures, marks, ray_errors_mm, scale)
 
     def bodies(self, moved_mm: float = 0.0) -> list[Body]:
         """Return the bodies that enough pairs show, by height; sets of marks that fit crosswise are ambiguous.

@@ -119,8 +119,6 @@ class PairRays:
         left = left if pair is None else left[self.of_pair == pair]
         square = left.T @ left / len(left) @ covariance
         mean, spread = float(np.trace(square)), float(np.trace(square @ square))
-        if mean <= 0.0:
-            return PredictedRays(0.0, 0.0)
         freedom = mean**2 / spread
         upper = mean * exceeded_chi_square(1.0 - PROMISED, freedom) / freedom
         return PredictedRays(math.sqrt(mean), math.sqrt(upper))
@@ -147,52 +145,17 @@ def _slopes(of: Callable[[FloatArray], FloatArray], at: FloatArray, steps: Float
     return np.asarray((np.stack(ends[0], -1) - np.stack(ends[1], -1)) / (2.0 * steps))
 
 
-@dataclass(frozen=True)
-class PairRayError:
-    """Distances in mm after the common rigid motion and scale that make their RMS least."""
-
-    rms_mm: float
-    of_pairs_mm: tuple[float, ...]
-    scale_change: float  # by this share the other geometry is larger
-
-
-def pair_ray_error(true: PairRays, frames: FloatArray) -> PairRayError:
-    """Compute the RMS distance between true rays and rays of other frames (pairs, 5), of all and of each pair."""
-    motion, scale = _nearest(true, frames, scaled=True)
-    misses = true.distances(_placed(frames, motion, scale))
-    own = [math.sqrt(float(np.mean(misses[true.of_pair == pair] ** 2))) for pair in range(len(frames))]
-    return PairRayError(math.sqrt(float(np.mean(misses**2))), tuple(own), 1.0 / scale - 1.0)
-
-
 def rigid_motion(true: PairRays, frames: FloatArray) -> FloatArray:
     """Return the motion (3,), x and y in mm and a turn in rad, that brings other frames nearest to the rays."""
-    return _nearest(true, frames, scaled=False)[0]
-
-
-def _nearest(true: PairRays, frames: FloatArray, *, scaled: bool) -> tuple[FloatArray, float]:
-    motion, scale = _turned_alike(true.frames, frames), 1.0
-    gauge = true.gauge if scaled else true.gauge[:, :3]
+    # The first one turns the sources as far as they are turned in the mean.
+    motion = np.array([0.0, 0.0, float(np.angle(np.exp(1j * (true.frames[:, 0] - frames[:, 0])).sum()))])
     for _ in range(50):
-        misses = true.distances(_placed(frames, motion, scale))
-        step = np.append(np.linalg.lstsq(gauge, -misses)[0], [] if scaled else 0.0)
+        step = np.linalg.lstsq(true.gauge[:, :3], -true.distances(moved_frames(frames, motion.tolist())))[0]
         # The step turns about the origin after what was moved before.
-        motion = np.add(step[:3], [*rotate(step[2], *motion[:2]), motion[2]])
-        scale *= 1.0 + step[3]
+        motion = np.add(step, [*rotate(step[2], *motion[:2]), motion[2]])
         if np.abs(step).max() < 1e-12:
             break
-    return motion, scale
-
-
-def _turned_alike(true: FloatArray, frames: FloatArray) -> FloatArray:
-    """Return a motion that turns the sources as far as they are turned in the mean."""
-    return np.array([0.0, 0.0, float(np.angle(np.exp(1j * (true[:, 0] - frames[:, 0])).sum()))])
-
-
-def _placed(frames: FloatArray, motion: FloatArray, scale: float) -> FloatArray:
-    """Return the frames with distances to the sources times the scale, then moved; detectors follow their sources."""
-    scaled = frames.copy()
-    scaled[:, 1] *= scale
-    return moved_frames(scaled, motion.tolist())
+    return motion
 
 
 def _rays(scanner: Scanner, frame: FloatArray) -> tuple[FloatArray, FloatArray]:

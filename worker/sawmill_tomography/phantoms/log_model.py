@@ -2,7 +2,7 @@
 
 The density of the log's shapes is attenuation per mm, so that projecting the log gives dimensionless line integrals.
 
-Rings are those of real wood, by measured moments: the median width and the contrast of the CT slice of a tree
+Rings are as in real wood, by measured moments: the median width and the contrast of the CT slice of a tree
 (docs/understand/wood.md); the spread of widths, their correlation, the late wood's share and the rings' densities of
 three increment cores (UGent-Woodlab, XCT.read); the pith's distance of a fir's section (M. Ishida, TreeRingShape); the
 outlines of the section's 38 rings and of the slice. The fir's radius about a ring's centre varies by 3.1 % RMS: 23 % of
@@ -116,25 +116,21 @@ class LogModel:
 
     @classmethod
     def with_nails(cls, seed: int, *, length_mm: float) -> "LogModel":
-        """Make a log with nails that point about to its centre, within this length about the metal's height."""
+        """Make a log with nails that point about to its centre, within this length; heights count from the metal's."""
         log, rng = cls.random(seed, length_mm=max(SHORTEST_LOG_MM, length_mm)), np.random.default_rng((seed, 1))
         nails = list[Nail]()
-        for height in log.metal_height_mm + rng.uniform(-0.4, 0.4, NAILS) * length_mm:
+        for height in rng.uniform(-0.4, 0.4, NAILS) * length_mm:
             at, half = rng.uniform(0.0, TAU), 0.5 * rng.uniform(*NAIL_LENGTHS_MM)
             lean, head = at + rng.uniform(-0.35, 0.35), NAIL_HEAD * log.radius_mm
             a, b = half * math.cos(lean), half * math.sin(lean)
             nails.append(Nail((head * math.cos(at) - a, head * math.sin(at) - b, float(height)), (a, b)))
-        return replace(log, nails=tuple(nails))
+        knots = tuple(replace(knot, height_mm=knot.height_mm - log.metal_height_mm) for knot in log.knots)
+        return replace(log, knots=knots, metal_height_mm=0.0, nails=tuple(nails))
 
     @property
     def metal_places_mm(self) -> list[tuple[float, float, float]]:
-        """Middles (x, y, height) of the metal and the nails; heights count from the metal's."""
-        nails = [(x, y, height - self.metal_height_mm) for x, y, height in (nail.place_mm for nail in self.nails)]
-        return [(*self.metal_mm, 0.0), *nails]
-
-    def slice_about_middle(self, height_mm: float) -> Phantom:
-        """Return the cross-section at a height that counts from the metal's."""
-        return self.slice_at(height_mm + self.metal_height_mm)
+        """Middles (x, y, height) of the metal and the nails."""
+        return [(*self.metal_mm, self.metal_height_mm), *(nail.place_mm for nail in self.nails)]
 
     def slice_at(self, height_mm: float) -> Phantom:
         """Return the cross-section at a height, densities in attenuation per mm."""

@@ -235,8 +235,8 @@ def print_marks(log: LogOnPairs) -> None:
     console = Console()
     console.print(table)
     console.print(f"{sentence}; mm, of each pair if it alone has moved: {', '.join(shifts) or 'not known'}.")
-    if sum(log.unplaced):
-        console.print(f"{sum(log.unplaced)} more marks are in no place: too few pairs show them, or they do not meet.")
+    if log.unplaced:
+        console.print(f"{log.unplaced} more marks are in no place: too few pairs show them, or they do not meet.")
 
 
 def print_pack(packed: ScanPack) -> None:
