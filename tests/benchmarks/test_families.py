@@ -1,7 +1,6 @@
 """The study of the bounds by family: its scans are as their effects say, and it continues where it stopped."""
 
 import json
-import math
 from dataclasses import replace
 
 import families
@@ -11,7 +10,6 @@ import pytest
 from family_scans import FAMILIES, FamilyScan
 from tests.support.exact_chords import Detector, scan
 
-from sawmill_tomography.phantoms.built_in import L_SHAPE
 from sawmill_vocabulary import Polygon, SourceFrame
 
 FRAME = SourceFrame(0.3, 917.1, 1619.3, -109.1, -0.083)
@@ -38,13 +36,6 @@ def test_a_sloping_density_is_that_of_many_strips():
     sloping = scan(whole, detector, FRAME, angles, slope_per_mm=(slope, 0.0))
     np.testing.assert_allclose(sloping, scan(parts, detector, FRAME, angles), atol=1e-4)
     assert np.abs(sloping - scan(whole, detector, FRAME, angles)).max() > 5e-3
-
-
-def test_rounded_corners_lose_their_area():
-    """Five of the L's corners point outwards; each loses (1 - pi / 4) r^2, less what 6 pieces leave of an arc."""
-    (drawn,) = L_SHAPE.shapes
-    rounded = family_scans._rounded(drawn, 8.0)
-    assert drawn.area_mm2 - rounded.area_mm2 == pytest.approx(5 * (1.0 - 0.25 * math.pi) * 64.0, rel=0.1)
 
 
 @pytest.mark.parametrize("family", FAMILIES)

@@ -1,9 +1,8 @@
 """The study of limits that change nothing: it reaches every reader of a limit, and the calibration gains none."""
 
 import idle_limits
-import numpy as np
 import pytest
-from idle_limits import limits, same, scaled
+from idle_limits import limits, scaled
 from tests.test_budget import BUDGET
 
 from sawmill_tomography.calibration.joint_fit import fitter, normal_equations, selection, steps, wood_patches
@@ -36,10 +35,6 @@ def test_numbers_alone_are_set_aside(value, quarter):
     assert scaled(value, 0.25) == quarter
 
 
-def test_arrays_are_set_aside_whole():
-    np.testing.assert_array_equal(scaled(np.array([4.0, 8.0]), 0.25), [1.0, 2.0])
-
-
 def test_a_limit_that_nothing_reaches_is_idle_and_one_that_decides_is_not(monkeypatch, capsys):
     names = ("joint_fit.steps.NO_GAIN", "joint_fit.metal.ROUNDS")
     monkeypatch.setattr(idle_limits, "limits", lambda: [limit for limit in limits() if limit.label in names])
@@ -52,10 +47,3 @@ def test_a_limit_that_nothing_reaches_is_idle_and_one_that_decides_is_not(monkey
     monkeypatch.setattr("sys.argv", ["idle_limits.py", "--list"])
     idle_limits.main()
     assert set(capsys.readouterr().out.split()) == set(names)
-
-
-def test_outcomes_are_the_same_but_for_rounding():
-    one = {"error_mm": 0.1, "verdict": "pass"}
-    assert same(one, one | {"error_mm": 0.1 * (1.0 + 1e-9)})
-    for other in (one | {"error_mm": 0.1001}, one | {"verdict": "watch"}, {"ended": "error"}):
-        assert not same(one, other)

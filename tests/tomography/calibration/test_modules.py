@@ -226,12 +226,11 @@ def test_the_curved_shadow_of_a_log_is_continued_across_gaps():
 
 def test_a_found_module_may_not_begin_before_the_first_cell():
     """The fit tried it there, and ended in a division by zero."""
-    scanner, frame = Scanner(859.46, 256, 4.5), SourceFrame(0.3, 880.0, 1600.0, -30.0, -0.08)
+    known, angles = Scanner(859.46, 256, 4.5), np.linspace(0.0, TAU, 180, endpoint=False)
     modules = (DetectorModule(55, 0.22878906514193129, 0.0), DetectorModule(212, 0.0, 0.0020046314814691104))
-    angles = np.linspace(0.0, TAU, 180, endpoint=False)
-    cells = DetectorCells.of(replace(scanner, detector_modules=modules))
-    noise = np.random.default_rng([110, 78]).standard_normal((180, 256))
-    lines = analytic.project(L_SHAPE, cells, frame, angles) + noise
+    cells, frame = DetectorCells(-576.0, 4.5, 256, modules), SourceFrame(0.3, 880.0, 1600.0, -30.0, -0.08)
+    lines = analytic.project(L_SHAPE, cells, frame, angles)
+    lines += np.random.default_rng([110, 78]).standard_normal(lines.shape)
     sides = {"handedness": Handedness.AS_DRAWN, "rotation": Rotation.AS_GIVEN}
-    found = calibrate(CalibrationTask(scanner, L_SHAPE, lines, angles, **sides))
+    found = calibrate(CalibrationTask(known, L_SHAPE, lines, angles, **sides))
     assert 0 < min(module.first_cell for module in found.scanner.detector_modules) < 100

@@ -1,7 +1,7 @@
 """The climb from a set of groups to the likeliest one next to it, one group or size at a time."""
 
 import math
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -33,7 +33,8 @@ class Climb:
         out = set(barred)
         for _ in range(CHANGES):
             changes: list[tuple[float, Group | None, float]] = [(0.0, None, 0.0)]
-            for each, gained in self._likeliest(posterior, groups) if most else ():
+            likeliest = self.evidences(posterior, groups).max(axis=1).tolist() if most else []
+            for each, gained in zip(groups, likeliest, strict=False):
                 if gained > BETTER and each not in out and self._may_join(each, posterior):
                     changes.append((gained, each, 0.0))
             for each, now in posterior.sizes.items():
@@ -61,10 +62,6 @@ class Climb:
                 out.add(group)
         return posterior
 
-    def _likeliest(self, posterior: Posterior, groups: Sequence[Group]) -> Iterator[tuple[Group, float]]:
-        """Yield groups, each with the evidence of its likeliest size where the group is not fitted."""
-        yield from zip(groups, self.evidences(posterior, groups).max(axis=1).tolist(), strict=True)
-
     @staticmethod
     def _may_join(group: Group, posterior: Posterior) -> bool:
         """Return whether a group is not in a set, and no slip of its kind that is too near is."""
@@ -89,8 +86,10 @@ class Climb:
         for some in self._alike[every]:
             scatter = np.array([self.scatter.get(group.one, 1.0) for group in some.groups])
             tempered = posterior.variance / np.maximum(posterior.variance * scatter, self.structured / some.shares)
-            values, vectors = np.linalg.eigh(information[some.square] * some.units)
-            square = ((score[some.places] * some.unit)[:, None] @ vectors)[:, 0] ** 2
+            places, unit = some.places, some.unit
+            within = information[places[:, :, None], places[:, None]] * unit[:, :, None] * unit[:, None]
+            values, vectors = np.linalg.eigh(within)
+            square = ((score[places] * unit)[:, None] @ vectors)[:, 0] ** 2
             values, square = np.maximum(values, 0.0) * tempered[:, None], square * tempered[:, None] ** 2
             by_size = 1.0 + some.variances * values[:, None]
             likelihood = 0.5 * (some.variances * square[:, None] / by_size - np.log(by_size))
@@ -112,9 +111,7 @@ class _Alike:
     groups: list[Group]
     numbers: list[int]  # among all groups
     places: NDArray[np.intp]  # (g, w)
-    square: tuple[NDArray[np.intp], NDArray[np.intp]]  # indices of each group's square (w, w) of a matrix
     unit: FloatArray  # (g, w)
-    units: FloatArray  # (g, w, w)
     variances: FloatArray  # (g, SIZES, 1): squares of the sizes
     log_odds: FloatArray  # (g, 1): of one size
     shares: FloatArray  # (g,)
@@ -124,14 +121,11 @@ class _Alike:
         """Return those of some groups that have this number of columns."""
         numbers = [number for number, group in enumerate(every) if len(group.unit) == width]
         groups = [every[number] for number in numbers]
-        places, unit = np.array([group.one.places for group in groups]), np.stack([group.unit for group in groups])
         return cls(
             groups,
             numbers,
-            places,
-            (places[:, :, None], places[:, None]),
-            unit,
-            unit[:, :, None] * unit[:, None],
+            np.array([group.one.places for group in groups]),
+            np.stack([group.unit for group in groups]),
             np.stack([group.sizes for group in groups])[:, :, None] ** 2,
             np.array([[group.log_odds] for group in groups]) - math.log(SIZES),
             np.array([group.shares for group in groups]),

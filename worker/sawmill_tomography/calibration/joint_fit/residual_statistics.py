@@ -275,8 +275,7 @@ def error_bars(
         of_views=of_views,
     )
     if jumps > 1:
-        low, high = predicted.interval_95_mm
-        upper_mm = BY_JUMPS * predicted.upper_95_mm
+        (low, high), upper_mm = predicted.interval_95_mm, BY_JUMPS * predicted.upper_95_mm
         predicted = replace(predicted, upper_95_mm=upper_mm, interval_95_mm=(low, BY_JUMPS * high))
     of_theta = theta_covariance(scanner, frame, theta, statistics.covariance.of_frame.values)
     return ErrorBars(statistics, of_theta, predicted)
