@@ -104,7 +104,7 @@ LATEST_MOVE = 9
 MODULE_TRIALS = 0.1
 # A detector may hide one module, and further ones: the first number where the scan shows none, and the second where it
 # shows fewer than that (benchmarks/families.py).
-FURTHER_HIDDEN, FURTHER_THAN_FOUND = 2, 3
+FURTHER_HIDDEN, FURTHER_THAN_FOUND = 2, 4
 # Where no more is structured than the precision of the drawing leaves, an effect explains one of this number of shares
 # by chance: the sides of a drawing are each off as a whole.
 OF_DRAWING = 30.0
