@@ -136,13 +136,13 @@ def _measured(task: CalibrationTask, start: RankedFit, angles_rad: FloatArray, o
         if abs(pace - 1.0) * len(taken) < LEAST_FACTOR:
             pace = 1.0
         before, angles = angles, first + pace * counted
-        if np.allclose(angles, before):
-            break
         data = replace(data, angles_rad=rotation.apply(angles))
         better = refine(phantom, data, fit.frame, position_mm=fit.position_mm, on_step=on_step)
         if better is None:
             return None
         fit = better
+        if np.allclose(angles, before):
+            break
     if (pace == 1.0 and not np.ptp(lost)) or (np.diff(lost) < 0.0).any() or np.ptp(lost) > MOST_LOST * len(lost):
         return None
     return AnglesOfViews(angles, tuple(_effects(from_first, lost, pace, rotation)), RankedFit(start.hypothesis, fit))
