@@ -107,13 +107,17 @@ def body(corners_mm: float, rng: np.random.Generator) -> tuple[Phantom, Phantom]
     return drawing, replace(drawing, shapes=shapes).of_density(0.6 * SAPWOOD_PER_MM)
 
 
+def lines_of(passed: PassedPair) -> FloatArray:
+    """Return line integrals, (passages, rows, cells)."""
+    dark = passed.darks.mean(axis=0)
+    return np.asarray(-np.log(np.maximum(passed.counts - dark, 1.0) / (passed.flats.mean(axis=0) - dark)))
+
+
 def data_of(passed: PassedPair, pair: FixedPair) -> PairData:
     """Return line integrals, as means over groups of rows."""
-    dark = passed.darks.mean(axis=0)
-    through = np.maximum(passed.counts - dark, 1.0) / (passed.flats.mean(axis=0) - dark)
     heights = (np.arange(ROWS) - 0.5 * (ROWS - 1)) * ROW_PITCH_MM + pair.feed_offset_mm
     parts = np.array_split(np.arange(ROWS), GROUPS)
-    lines = np.stack([-np.log(through[:, rows]).mean(axis=1) for rows in parts], axis=1)
+    lines = np.stack([lines_of(passed)[:, rows].mean(axis=1) for rows in parts], axis=1)
     return PairData(lines, np.array([heights[rows].mean() for rows in parts]), DetectorCells.of(pair.scanner))
 
 

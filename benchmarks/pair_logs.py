@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from fixed_pairs import BEAM, DETECTOR, PHOTONS, ROW_PITCH_MM, ROWS, body, data_of, machine, passages
+from fixed_pairs import BEAM, DETECTOR, PHOTONS, ROW_PITCH_MM, ROWS, body, data_of, lines_of, machine, passages
 from measurement import Measurement, check_lines, commit
 from rich.progress import track
 
@@ -45,10 +45,8 @@ def log_lines(
     [lies] = passages(1, 0.3, np.random.default_rng(seed))
     about = {"rows": rows, "row_pitch_mm": ROW_PITCH_MM, "photons": PHOTONS, "seed": seed}
     passed = simulate_passages(log.slice_at, scanner, frames, [lies], Physics(BEAM, DETECTOR), **about)
-    air = [one.flats.mean(axis=0) - one.darks.mean(axis=0) for one in passed]
-    through = [(one.counts[0] - one.darks.mean(axis=0)) / level for one, level in zip(passed, air, strict=True)]
     places = np.array([lies.place_of(place) for place in log.metal_places_mm])
-    return [-np.log(np.maximum(each, 1e-4)) for each in through], places
+    return [lines_of(one)[0] for one in passed], places
 
 
 @functools.cache

@@ -19,26 +19,27 @@ from sawmill_tomography.pairs.agreement import PairAgreement, agreement
 from sawmill_tomography.pairs.log_pictures import LogPictures, log_pictures
 from sawmill_tomography.pairs.marks import Body, Sights
 from sawmill_vocabulary import CellOrder, DataKind, ProgressCallback
+from sawmill_vocabulary.outlines import described
 
 
 @dataclass(frozen=True)
 class LocatedMark:
     """A nail, a stone or a dense knot."""
 
-    place_mm: tuple[float, ...] = field(metadata={"description": "x, y in the common frame, and height on the feed."})
-    deviations_mm: tuple[float, ...] = field(metadata={"description": "Their standard deviations."})
-    pairs: tuple[int, ...] = field(metadata={"description": "The pairs that show it, from 1."})
-    residual_mm: float = field(metadata={"description": "RMS distance of the place from their rays."})
-    is_ambiguous: bool = field(metadata={"description": "Whether its marks fit other places too, which are listed."})
+    place_mm: tuple[float, ...] = field(metadata=described("x, y in the common frame, and height on the feed."))
+    deviations_mm: tuple[float, ...] = field(metadata=described("Their standard deviations."))
+    pairs: tuple[int, ...] = field(metadata=described("The pairs that show it, from 1."))
+    residual_mm: float = field(metadata=described("RMS distance of the place from their rays."))
+    is_ambiguous: bool = field(metadata=described("Whether its marks fit other places too, which are listed."))
 
 
 @dataclass(frozen=True)
 class LogOnPairs:
     """What a log shows of itself, and of the pairs that it passed."""
 
-    marks: tuple[LocatedMark, ...] = field(metadata={"description": "By height."})
-    unplaced: int = field(metadata={"description": "Number of marks in the pairs' pictures that are in no place."})
-    agreement: PairAgreement = field(metadata={"description": "Whether the pairs still agree."})
+    marks: tuple[LocatedMark, ...] = field(metadata=described("By height."))
+    unplaced: int = field(metadata=described("Number of marks in the pairs' pictures that are in no place."))
+    agreement: PairAgreement = field(metadata=described("Whether the pairs still agree."))
 
 
 def locate_marks(

@@ -1,13 +1,20 @@
 """The climb from a set of groups to the likeliest one next to it, one group or size at a time."""
 
-import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_tomography.calibration.joint_fit.groups import SIZES, STRUCTURES, Fitted, Group, Posterior, is_module
+from sawmill_tomography.calibration.joint_fit.groups import (
+    SIZES,
+    STRUCTURES,
+    Fitted,
+    Group,
+    Posterior,
+    is_module,
+    log_evidence,
+)
 from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel
 from sawmill_tomography.calibration.joint_fit.selection import EffectTester
 from sawmill_tomography.calibration.joint_fit.slip import fewest
@@ -88,12 +95,8 @@ class Climb:
             tempered = posterior.variance / np.maximum(posterior.variance * scatter, self.structured / some.shares)
             places, unit = some.places, some.unit
             within = information[places[:, :, None], places[:, None]] * unit[:, :, None] * unit[:, None]
-            values, vectors = np.linalg.eigh(within)
-            square = ((score[places] * unit)[:, None] @ vectors)[:, 0] ** 2
-            values, square = np.maximum(values, 0.0) * tempered[:, None], square * tempered[:, None] ** 2
-            by_size = 1.0 + some.variances * values[:, None]
-            likelihood = 0.5 * (some.variances * square[:, None] / by_size - np.log(by_size))
-            found[some.numbers] = some.log_odds + likelihood.sum(axis=-1)
+            own = tempered[:, None] * score[places] * unit
+            found[some.numbers] = log_evidence(tempered[:, None, None] * within, own, some.sizes, some.log_odds)
         return found
 
     def evidence(self, posterior: Posterior, group: Group) -> FloatArray:
@@ -112,8 +115,8 @@ class _Alike:
     numbers: list[int]  # among all groups
     places: NDArray[np.intp]  # (g, w)
     unit: FloatArray  # (g, w)
-    variances: FloatArray  # (g, SIZES, 1): squares of the sizes
-    log_odds: FloatArray  # (g, 1): of one size
+    sizes: FloatArray  # (g, SIZES)
+    log_odds: FloatArray  # (g, 1): of any size
     shares: FloatArray  # (g,)
 
     @classmethod
@@ -126,8 +129,8 @@ class _Alike:
             numbers,
             np.array([group.one.places for group in groups]),
             np.stack([group.unit for group in groups]),
-            np.stack([group.sizes for group in groups])[:, :, None] ** 2,
-            np.array([[group.log_odds] for group in groups]) - math.log(SIZES),
+            np.stack([group.sizes for group in groups]),
+            np.array([[group.log_odds] for group in groups]),
             np.array([group.shares for group in groups]),
         )
 

@@ -272,7 +272,8 @@ class JointFitter:
     @property
     def _within_drawing(self) -> bool:
         """Whether the precision of the drawing leaves all that is structured at the last step."""
-        return self.last[0].structured <= self.last[3].of_drawing
+        system = self.last[0]
+        return system.structured <= system.source.of_drawing
 
     @property
     def _screening_step(self) -> int:

@@ -166,11 +166,21 @@ class Group:
 
     def evidence(self, information: FloatArray, score: FloatArray) -> FloatArray:
         """Return the logarithm of odds times likelihood of each size against 0, from what others leave of the group."""
-        values, vectors = np.linalg.eigh(information)
-        values, square = np.maximum(values, 0.0), (vectors.T @ score) ** 2
-        s = self.sizes[:, None] ** 2
-        likelihood = 0.5 * (s * square / (1.0 + s * values) - np.log1p(s * values)).sum(axis=1)
-        return np.asarray(self.log_odds - math.log(SIZES) + likelihood)
+        return log_evidence(information, score, self.sizes, self.log_odds)
+
+
+def log_evidence(
+    information: FloatArray, score: FloatArray, sizes: FloatArray, log_odds: FloatArray | float
+) -> FloatArray:
+    """Return the evidence (..., SIZES) of groups of w columns, as `Group.evidence` does.
+
+    `information` (..., w, w), `score` (..., w), `sizes` (..., SIZES), `log_odds` (..., 1) of any size.
+    """
+    values, vectors = np.linalg.eigh(information)
+    square, s = (score[..., None, :] @ vectors) ** 2, sizes[..., None] ** 2
+    more = s * np.maximum(values, 0.0)[..., None, :]
+    likelihood = 0.5 * (s * square / (1.0 + more) - np.log1p(more)).sum(axis=-1)
+    return np.asarray(log_odds - math.log(SIZES) + likelihood)
 
 
 @dataclass(frozen=True, eq=False)
