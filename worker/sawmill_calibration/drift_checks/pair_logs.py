@@ -83,6 +83,10 @@ def locate_marks(
     if not len(scans) == len(given.pairs) == len(known.pairs):
         numbers = f"{len(scans)} files, {len(given.pairs)} pairs, and {len(known.pairs)} calibrated ones"
         raise refused("contradiction", f"a log passes once, a file for each pair: there are {numbers}")
+    if aligned is not None and aligned.with_suffix(".json").absolute() in (
+        Path(file).absolute() for file in (scanner, calibration)
+    ):
+        raise refused("contradiction", f"the geometry of {aligned.name} would replace a file that is read: rename it")
     sources = sources_of([Path(path) for path in scans], given, DataKind(data))
     stacks, pitches_mm = list[FloatArray](), list[float]()
     for found, (named, rows, stack) in zip(known.pairs, read_passages(sources, given, on_progress), strict=True):
