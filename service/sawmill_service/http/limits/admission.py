@@ -115,7 +115,9 @@ class Admission(Middleware):
 def _kind(scope: Scope, headers: Headers) -> str:
     if has_body(headers):
         return "uploads"
-    return "streams" if _is_stream(scope) else "waits" if _waits(scope) else "requests"
+    if _is_stream(scope):
+        return "streams"
+    return "waits" if _waits(scope) else "requests"
 
 
 def _waits(scope: Scope) -> bool:

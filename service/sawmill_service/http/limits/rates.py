@@ -127,4 +127,6 @@ def network_of(address: str) -> str:
         ip = ip_address(address.partition("%")[0])
     except ValueError:  # a text that a proxy has put there
         return address[:64]
-    return str(ip.ipv4_mapped or ip_network((ip, 64), strict=False) if isinstance(ip, IPv6Address) else ip)
+    if not isinstance(ip, IPv6Address):
+        return str(ip)
+    return str(ip.ipv4_mapped or ip_network((ip, 64), strict=False))
