@@ -55,7 +55,7 @@ def test_two_people_see_one_result_and_an_ended_session_loses_no_answer(site, st
     hers, his = (site.open(result, locale=locale) for locale in ("en-GB", "fi-FI"))
     log_in(hers, "Key", anna.secret)
     # His line is slow, and he is about to discard it when his session ends: nothing is changed, his reason is there.
-    his.route("**/kept_answers.js", slow_line)
+    his.route("**/kept_answers.js", slow_line, times=1)
     log_in(his, "Avain", bert.secret)
     his.get_by_text("Hylkää", exact=True).click()
     his.get_by_label("Muu syy:").check()
