@@ -19,7 +19,7 @@ from sawmill_calibration.known_geometry import GivenGeometry, check_same_scanner
 from sawmill_calibration.pictures.templating import html_of
 from sawmill_calibration.reconstruction.reconstruct import reconstruct_in_memory
 from sawmill_calibration.result_file import read_calibration as read_result
-from sawmill_calibration.scans.scan import Scan, bare_scanner, rows_in_file, rows_of_memory
+from sawmill_calibration.scans.scan import Scan, as_scanner, rows_in_file, rows_of_memory
 from sawmill_calibration.scans.scan_rows import ScanRows, unreported
 from sawmill_calibration.view_vectors import AnyGeometry, ImportedGeometry
 from sawmill_contracts.calibrations import (
@@ -71,8 +71,8 @@ class Calibration:
 
     @property
     def scanner(self) -> Scanner:
-        """The scanner that was calibrated."""
-        return bare_scanner(self.result.scanner)
+        """The scanner that was calibrated, with the modules that were declared or found."""
+        return as_scanner(self.result.scanner)
 
     @property
     def rotation(self) -> Rotation:

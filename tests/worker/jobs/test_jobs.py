@@ -13,7 +13,7 @@ from scan_files import read_stored_scan
 from sawmill_calibration import read_scan
 from sawmill_calibration.known_geometry import to_phantom
 from sawmill_calibration.pictures.calibration_report import overlay_png
-from sawmill_calibration.scans.scan import bare_scanner
+from sawmill_calibration.scans.scan import as_scanner
 from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.geometry import ScannerConstants
@@ -205,5 +205,5 @@ def test_a_calibration_starts_from_the_cells_of_the_detector_that_is_there(sent)
     calibrated = replace(calibrated, detector_arc_radius_mm=1574.0, detector_waves_mm=(0.2, -0.1))
     assert known_cells(wide, sent, None).detector_arc_radius_mm == 1500.0
     assert known_cells(wide, sent, calibrated) == calibrated
-    assert bare_scanner(calibrated) == Scanner(859.46, 1536, 0.75, (), 1574.0, (0.2, -0.1))
+    assert as_scanner(calibrated) == Scanner(859.46, 1536, 0.75, found, 1574.0, (0.2, -0.1))
     assert known_cells(exchanged, sent, calibrated).detector_modules == sent.detector_modules, "768 cells have no 900"

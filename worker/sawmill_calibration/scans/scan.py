@@ -33,10 +33,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def bare_scanner(constants: ScannerConstants) -> Scanner:
-    """Return the constants without modules and the rows' pitch: a dataclass equals only one of the same class."""
+def as_scanner(constants: ScannerConstants) -> Scanner:
+    """Return the constants without the rows' pitch: a dataclass equals only one of the same class."""
     three = constants.source_to_cor_mm, constants.num_detector_pixels, constants.detector_pitch_mm
-    return replace(Scanner(*three).with_cells_of(constants), detector_modules=())
+    return Scanner(*three).with_cells_of(constants)
 
 
 @dataclass(frozen=True, eq=False)
@@ -348,7 +348,7 @@ def read_scan(
             return Scan(
                 line_integrals=used.stack(),
                 angles_rad=used.angles_rad,
-                scanner=bare_scanner(used.scanner),
+                scanner=replace(as_scanner(used.scanner), detector_modules=()),
                 rows=used.rows,
                 row_step=used.row_step,
                 rows_chosen=rows is not None,

@@ -165,9 +165,11 @@ class MotionSets:
         # What the phantom's outline shows may be a motion.
         if any(is_motion(group.one) or group.one.effect is DEFORMATION for group in here.sizes):
             return True
-        motions = [group for group in self._point.groups if is_motion(group.one)]
-        if not self._point.within_drawing and climb.structured / STRUCTURES > here.variance:
+        if self._point.within_drawing:
+            return False
+        if climb.structured / STRUCTURES > here.variance:
             return True
+        motions = [group for group in self._point.groups if is_motion(group.one)]
         for group, evidence in zip(motions, climb.evidences(here, motions), strict=True):
             if evidence.max() > SUSPECTED:
                 climb.scatter.setdefault(group.one, scatter_of(here, group))
