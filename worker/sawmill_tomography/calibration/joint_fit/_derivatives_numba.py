@@ -59,29 +59,13 @@ def _of_line_integrals(raw, gain, cosine, sine, sizes, chain, row):
 
 
 @njit(fastmath=_FAST)
-def _exposure(start, end, raw, gain, sizes, from_counts, row):
-    """Fill the row of the exposure from the lengths (cells,) at the two angles that represent the exposure."""
-    square, cubic = sizes[_HARDENING], sizes[_CUBIC]
-    for m in range(start.size):
-        one, two, length = start[m], end[m], raw[PARAMETERS, m]
-        bent_one = one + square * one * one + cubic * one * one * one
-        bent_two = two + square * two * two + cubic * two * two * two
-        bent = length + square * length * length + cubic * length * length * length
-        row[_EXPOSURE, m] = gain * (0.5 * (bent_one + bent_two) - bent)
-        start[m] = 0.5 * gain * (bent_one - bent_two)
-    if from_counts:
-        for m in range(start.size):
-            if start[m] != 0.0:
-                row[_EXPOSURE, m] -= _log_cosh(start[m])
-
-
-@njit(fastmath=_FAST)
-def _log_cosh(x):
-    """Compute ln(cosh(x)); for small arguments by the first terms of the series."""
-    y = x * x
-    if y > 0.01:
-        return math.log(math.cosh(x))
-    return y * (1.0 / 2.0 - y * (1.0 / 12.0 - y * (1.0 / 45.0 - y * (17.0 / 2520.0 - y * 31.0 / 14175.0))))
+def _add_turn(of_turn, weight, gain, from_counts, row, soft):
+    """Add the rows of one turn by their weight, times the intensity that the detector averages where it counts."""
+    for m in range(soft.size):
+        share = weight * math.exp(-gain * of_turn[_GAIN, m]) if from_counts else weight
+        soft[m] += share
+        for p in range(_CORNERS):
+            row[p, m] += share * of_turn[p, m]
 
 
 @njit(fastmath=_FAST)
@@ -195,6 +179,8 @@ def _products_of_windows(row, count, windows, of_patches, grams, scores):
 def inner_products(
     geometry,
     turned,
+    of_turns,
+    exposure,
     corner_edges,
     gain,
     sizes,
@@ -215,7 +201,8 @@ def inner_products(
     """Fill the views' inner products, and the sums over views.
 
     geometry : tuple of the first arguments of the analytic projection's kernels
-    turned : (2, views) angles of the two points that represent a view's exposure
+    turned, of_turns : (turns, views) angles over which a view is exposed, and the (turns,) weight of each
+    exposure : (views, cells) derivative by the exposure
     corner_edges : (edges, 5) of the pieces that corners lose, with the density that makes them the derivative
     gain : (views, 1); sizes : (terms,)
     exposed, blurred : (views, cells)
@@ -243,7 +230,8 @@ def inner_products(
     for block in prange(sums.shape[0]):
         raw, row = np.empty((ROWS, cells)), np.zeros((TERMS + extra + ROWS_AT_ONCE, cells))
         of_rows = np.empty((count + 1, count + 1))
-        lengths, chain, left, right = np.empty((3, ROWS, cells)), np.empty(cells), np.empty(8), np.empty(8)
+        at, of_turn, left, right = np.empty((ROWS, cells)), np.empty((_CORNERS, cells)), np.empty(8), np.empty(8)
+        chain, factors, soft = np.empty(cells), np.empty(cells), np.empty(cells)
         of_patches, windows = np.empty((number, cells)), np.empty((number, 2), np.int64)
         for kk in range(block * BLOCK, min((block + 1) * BLOCK, views)):
             k = np.int64(kk)
@@ -251,12 +239,18 @@ def inner_products(
             _view(k, edges, discs, lines, t_x, t_y, angles, u_first, pitch, cells, rays, raw, 2, left, right)
             beta = angles[k] + lines[0, 2]
             _of_line_integrals(raw, gain[k, 0], math.cos(beta), math.sin(beta), sizes, chain, row)
-            lengths[:2, PARAMETERS] = 0.0
-            for end in range(2):
-                at = lengths[end]
-                _view(k, edges, discs, lines, t_x, t_y, turned[end], u_first, pitch, cells, rays, at, 0, left, right)
-            _exposure(lengths[0, PARAMETERS], lengths[1, PARAMETERS], raw, gain[k, 0], sizes, from_counts, row)
-            at = lengths[2]
+            if of_turns.size > 1:
+                row[:_EXPOSURE], soft[:] = 0.0, 0.0
+                for n in range(of_turns.size):
+                    raw[:] = 0.0
+                    _view(k, edges, discs, lines, t_x, t_y, turned[n], u_first, pitch, cells, rays, raw, 2, left, right)
+                    beta = turned[n, k] + lines[0, 2]
+                    _of_line_integrals(raw, gain[k, 0], math.cos(beta), math.sin(beta), sizes, factors, of_turn)
+                    _add_turn(of_turn, of_turns[n], gain[k, 0], from_counts, row, soft)
+                for p in range(_CORNERS):
+                    for m in range(cells):
+                        row[p, m] /= soft[m]
+            row[_EXPOSURE] = exposure[k]
             at[PARAMETERS] = 0.0
             for n in range(-1, number):
                 some = patch_edges[patches[n] : patches[n + 1]] if n >= 0 else corner_edges

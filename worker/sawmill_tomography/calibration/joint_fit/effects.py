@@ -31,8 +31,6 @@ from sawmill_vocabulary.scan_messages import EffectMessage
 
 # The share of samples above which a shadow is the deepest.
 DEEPEST = 0.98
-# With fewer views a step is so large that two points do not represent an exposure.
-FEWEST_VIEWS = 60
 # A skin whose density differs by a larger share is something else.
 LARGEST_SKIN = 0.5
 # A detector with a smaller radius, in its own lengths, is none.
@@ -92,10 +90,6 @@ def _scattered_radiation(model: ScanModel, sizes: FloatArray) -> Reason:
         # With the gains of the views, scatter takes up what powers of the paths leave of the hardening.
         return EffectMessage.SCATTER_OR_HARDENING()
     return EffectMessage.SCATTER(added_percent=100.0 * added)
-
-
-def _exposure_columns(model: ScanModel) -> tuple[Column, ...]:
-    return (Column.of(Term.EXPOSURE),) if len(model.data.angles_rad) >= FEWEST_VIEWS else ()
 
 
 def _pace(model: ScanModel, sizes: FloatArray) -> Reason:
@@ -201,7 +195,7 @@ EFFECTS: tuple[Effect, ...] = (
     # The phantom turns while a view is exposed.
     Effect(
         Adjustment.ROTATION_DURING_EXPOSURE,
-        _exposure_columns,
+        _terms(Term.EXPOSURE),
         lambda _, sizes: EffectMessage.EXPOSURE(turn_percent=100.0 * _root(sizes[0])),
         lambda _, sizes: bool(sizes[0] > 0.0),
     ),

@@ -714,5 +714,7 @@ def _with_new_averaging(model: ScanModel, before: FloatArray) -> tuple[ScanModel
     data = model.data
     position = model.pose[:, 1:] + model.x[[FitParameter.T_X, FitParameter.T_Y]]
     turned = replace(data, angles_rad=data.angles_rad + model.pose[:, 0])
-    added = averaging(model.phantom, turned, model.frame, position_mm=position, gain=model.gain)
+    added = averaging(
+        model.phantom, turned, model.frame, position_mm=position, gain=model.gain, turns=model.turns_while_exposed
+    )
     return replace(model, data=replace(data, sinogram=data.sinogram - before + added)), added

@@ -1,5 +1,6 @@
 """Intensity averaging: a cell of counts averages intensities over its rays, where the model averages paths."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -34,16 +35,28 @@ def _adjust(plain: AdjustedFit) -> AdjustedFit:
 
 
 def averaging(
-    phantom: Phantom, data: SinogramData, frame: SourceFrame, *, position_mm: Position, gain: FloatArray | float
+    phantom: Phantom,
+    data: SinogramData,
+    frame: SourceFrame,
+    *,
+    position_mm: Position,
+    gain: FloatArray | float,
+    turns: Sequence[tuple[float, float]] = ((0.0, 1.0),),
 ) -> FloatArray:
-    """Compute mean(p) + ln(mean(exp(-p))) over each cell's rays, (views, cells), for p in the data's unit."""
-    cells = data.cells
-    rays = analytic.project(
-        phantom, cells.divided(FINE_RAYS), frame, data.angles_rad, position_mm=position_mm, rays_per_cell=1
-    )
-    rays *= gain
-    by_cell = rays.reshape(len(data.sinogram), cells.count, FINE_RAYS)
-    return np.asarray(by_cell.mean(axis=2) + np.log(np.exp(-by_cell).mean(axis=2)))
+    """Compute what a cell that averages intensities over its rays measures less than of its mean paths, (views, cells).
+
+    The paths p are in the data's unit. While a view is exposed the phantom turns by `turns`: angles, rad, and weights.
+    """
+    cells, of_rays, of_means = data.cells, 0.0, 0.0
+    for turn, weight in turns:
+        rays = analytic.project(
+            phantom, cells.divided(FINE_RAYS), frame, data.angles_rad + turn, position_mm=position_mm, rays_per_cell=1
+        )
+        rays *= gain
+        by_cell = rays.reshape(len(data.sinogram), cells.count, FINE_RAYS)
+        of_means = of_means + weight * np.exp(-by_cell.mean(axis=2))
+        of_rays = of_rays + weight * np.exp(-by_cell).mean(axis=2)
+    return np.asarray(np.log(of_rays / of_means))
 
 
 INTENSITY_AVERAGING = EffectFinding(Adjustment.INTENSITY_AVERAGING, _adjust)

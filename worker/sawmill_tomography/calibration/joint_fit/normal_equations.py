@@ -111,7 +111,9 @@ class ViewGrams:
         of_column = np.zeros((len(sums), rows + 1, cells))
         inner_products(
             model.kernel_arguments,
-            model.data.angles_rad + model.pose[:, 0] + model.exposure_angle_rad * np.array([[-1.0], [1.0]]),
+            model.data.angles_rad + model.pose[:, 0] + np.array([[turn] for turn, _ in model.turns_while_exposed]),
+            np.array([weight for _, weight in model.turns_while_exposed]),
+            model.exposure,
             model.corner_edges,
             model.gain,
             np.array([model.size(term) for term in Term]),

@@ -6,7 +6,7 @@ integrals were made from counts, and on the line integrals themselves elsewhere.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from functools import cached_property
@@ -126,6 +126,8 @@ LARGEST: dict[int, float] = {Term.CORNERS: 225.0, Term.BLUR: 64.0, Term.EXPOSURE
 POSE = (Term.PSI, Term.T_X, Term.T_Y)
 # Detectors of a smaller curvature, 1/mm, are straight.
 LEAST_CURVATURE = 1e-7
+# The share of a step over which an exposure is tried: shorter and longer ones are found from it.
+TRIED_EXPOSURE = 0.5
 # The step in the squared radius of corners, mm^2, over which their effect is differentiated.
 CORNER_STEP = 9.0
 # The step in a bow or a taper, mm, over which its effect is differentiated.
@@ -226,10 +228,10 @@ class ScanModel:
         reach = self.phantom.radius_mm + float(np.hypot(*(self.pose[:, 1:] + x[5:]).T).max())
         return analytic.clears(reach, self.frame)
 
-    @cached_property
-    def exposure_angle_rad(self) -> float:
-        """Half the angle between the two points that represent a view exposed over a whole step, rad."""
-        return float(np.median(np.diff(np.sort(np.mod(self.data.angles_rad, TAU))))) / math.sqrt(12.0)
+    @property
+    def step_rad(self) -> float:
+        """Angle between two neighbouring views, rad."""
+        return float(np.median(np.diff(np.sort(np.mod(self.data.angles_rad, TAU)))))
 
     @property
     def kernel_arguments(self) -> tuple[object, ...]:
@@ -347,28 +349,45 @@ class ScanModel:
         """Line integrals (views, cells) before exposure, blur, scatter, lag and the flat field act."""
         return self._line_integrals(self.lengths)
 
+    def _turns(self, share: float) -> list[tuple[float, float]]:
+        """Return angles, rad, and weights of a turn by a share of a step: a cell apart where edges are fastest."""
+        angle = share * self.step_rad
+        fastest_mm = angle * self.phantom.radius_mm * self.x[FitParameter.SDD] / self.x[FitParameter.R]
+        at, weights = np.polynomial.legendre.leggauss(2 + int(fastest_mm / self.data.cells.width_mm))
+        return list(zip((0.5 * angle * at).tolist(), (0.5 * weights).tolist(), strict=True))
+
+    @property
+    def turns_while_exposed(self) -> list[tuple[float, float]]:
+        """Angles, rad, by which the phantom turns while a view is exposed, and their weights."""
+        square = self.size(Term.EXPOSURE)
+        return self._turns(math.sqrt(square)) if square else [(0.0, 1.0)]
+
+    def _mean_over(self, turns: Iterable[tuple[float, float]]) -> FloatArray:
+        """Average what the detector measures in turns from each view, with weights, as line integrals."""
+        mean = np.zeros_like(self.sharp)
+        for turn, weight in turns:
+            lines = self._line_integrals(self.project(self.phantom, turned=turn))
+            mean += weight * np.exp(np.negative(lines, out=lines), out=lines) if self.from_counts else weight * lines
+        return np.negative(np.log(mean, out=mean), out=mean) if self.from_counts else mean
+
     @cached_property
     def exposure(self) -> FloatArray:
-        """Change of the line integrals by an exposure over a whole step, (views, cells)."""
-        start, end = (
-            self._line_integrals(self.project(self.phantom, turned=way * self.exposure_angle_rad))
-            for way in (-1.0, 1.0)
-        )
-        if self.from_counts:
-            np.exp(np.negative(start, out=start), out=start)
-            np.exp(np.negative(end, out=end), out=end)
-        start += end
-        start *= 0.5
-        if self.from_counts:
-            np.negative(np.log(start, out=start), out=start)
-        start -= self.sharp
-        return start
+        """Derivative of the line integrals by the square of the exposure's share of a step, (views, cells).
+
+        The mean over a turn changes with the turn by what the mean at both ends is more, divided by it. Where there is
+        no exposure yet it is the quotient over `TRIED_EXPOSURE`.
+        """
+        square = self.size(Term.EXPOSURE)
+        if not square:
+            return (self._mean_over(self._turns(TRIED_EXPOSURE)) - self.sharp) / TRIED_EXPOSURE**2
+        end = 0.5 * math.sqrt(square) * self.step_rad
+        change = self._mean_over(((-end, 0.5), (end, 0.5))) - self.exposed
+        return -np.expm1(-change) / (2.0 * square) if self.from_counts else change / (2.0 * square)
 
     @cached_property
     def exposed(self) -> FloatArray:
         """Line integrals after rotation during exposure, (views, cells)."""
-        share = self.size(Term.EXPOSURE)
-        return self.sharp + share * self.exposure if share else self.sharp
+        return self._mean_over(self.turns_while_exposed) if self.size(Term.EXPOSURE) else self.sharp
 
     @cached_property
     def taps(self) -> FloatArray:
@@ -482,7 +501,8 @@ class ScanModel:
         few = replace(
             self, data=self.data.every(step), gain=self.gain[::step], offset=self.offset[::step], pose=self.pose[::step]
         )
-        # The views between, which are left out, determine lag and exposure.
+        # A step is longer then, and the views between, which are left out, determine lag.
+        few = replace(few, sizes={**self.sizes, Term.EXPOSURE: self.size(Term.EXPOSURE) / step**2})
         return replace(few, data=replace(few.data, sinogram=few.prediction + self.residual[::step]))
 
     def with_view_gains(self, weights: FloatArray) -> "ScanModel":
