@@ -5,6 +5,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
+
 from sawmill_tomography.calibration.fit import Fit, OnStep, ignore_progress, refine
 from sawmill_tomography.calibration.search.misfit import COARSE_VIEWS
 from sawmill_tomography.calibration.task import CalibrationTask, PoseHypothesis
@@ -16,8 +18,6 @@ CONTENDER = 3.0
 # Two fits whose first angles differ by less are the same fit.
 SAME_ANGLE = math.radians(5.0)
 ITERATIONS = 60
-# Relative residuals below this are rounding.
-LEAST_RESIDUAL = 1e-12
 # Log-likelihood advantage over the next hypothesis below which the choice is not decisive.
 DECISIVE = 10.0
 
@@ -61,7 +61,8 @@ class Alternatives:
         if self.independent_samples is None:
             return None
         best = self.hypotheses[0].relative_residual
-        return self.independent_samples * math.log(max(relative_residual, LEAST_RESIDUAL) / max(best, LEAST_RESIDUAL))
+        rounding = math.sqrt(np.finfo(np.float64).eps)  # of the root of a sum of squares
+        return self.independent_samples * math.log(max(relative_residual, rounding) / max(best, rounding))
 
     def undecided(self, relative_residual: float) -> bool:
         """Return whether the best fit's log-likelihood hardly exceeds a fit's with this relative residual."""

@@ -7,7 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sawmill_tomography.calibration.calibration import CalibratedGeometry
-from sawmill_tomography.calibration.scale import TWO_SIDED_95, size_by_distance
+from sawmill_tomography.calibration.covariance import CHANCE
+from sawmill_tomography.calibration.judgement import MATTERS
+from sawmill_tomography.calibration.scale import size_by_distance
 from sawmill_tomography.geometry.fit_parameters import RAYS, FitParameter
 from sawmill_tomography.geometry.geometry import (
     FloatArray,
@@ -18,14 +20,10 @@ from sawmill_tomography.geometry.geometry import (
     to_vector,
 )
 from sawmill_tomography.geometry.ray_error import RayError, ray_error, scale_deviation, scale_ray_error
+from sawmill_tomography.statistics import TWO_SIDED_95
 from sawmill_vocabulary import ObjectTurns
 from sawmill_vocabulary.messages import Reason, Value
 from sawmill_vocabulary.movement_messages import MovementMessage
-
-# A cause explains a change when the rest is within this number of standard deviations (Mahalanobis).
-SIGNIFICANT = 3.5
-# A change that moves the rays by less than this share of the tolerance is no movement, however precisely known.
-NEGLIGIBLE = 0.15
 
 
 @dataclass(frozen=True)
@@ -199,7 +197,7 @@ def likely_cause(
         causes = [cause for cause in every if not (of_passages and cause.message is MovementMessage.TURNTABLE)]
         remaining = [_remaining(change[RAYS], spread, np.array(cause.directions).T) for cause in causes]
         best = int(np.argmin(remaining))
-        if remaining[best] < SIGNIFICANT:
+        if remaining[best] < CHANCE:
             values |= _of_size(scanner, before, after) if causes[best] is _SIZE else {}
             return causes[best].message(**values)
     return MovementMessage.SEVERAL(**values)
@@ -222,7 +220,7 @@ def _negligible(scanner: Scanner, frame: SourceFrame, allowed_mm: float, radius_
         try:
             shape = ray_error(scanner, frame, moved, radius_mm=radius_mm)
             scale_mm = scale_ray_error(scanner, frame, shape.scale_change, radius_mm=radius_mm)
-            sizes.append(NEGLIGIBLE * allowed_mm * step / math.hypot(shape.rms_mm, scale_mm))
+            sizes.append(MATTERS * allowed_mm * step / math.hypot(shape.rms_mm, scale_mm))
         except GeometryError:  # these rays do not meet the log: no change has a known size
             sizes.append(step)
     return np.array(sizes)

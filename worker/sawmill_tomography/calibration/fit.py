@@ -43,9 +43,8 @@ class Fit(FittedModel):
     iterations: int
 
 
-# A fit ends where a step would gain less than the share NO_GAIN of one sample's variance (a tenth of a standard
-# deviation). The residual's power counts as at least the share ROUNDING of the data's power.
-NO_GAIN, ROUNDING = 0.01, 1e-14
+# A fit ends where a step would gain less than this share of one sample's variance (a tenth of a standard deviation).
+NO_GAIN = 0.01
 # A step is slow when it lowers the sum of squares by less than this share.
 SLOW = 0.2
 
@@ -121,6 +120,8 @@ def refine(
         return None
     samples, mean_square = data.samples, float(np.average(centred.sinogram**2, weights=data.weights))
     power, identity = mean_square * samples, np.eye(free.size)
+    # Rounding of a sum of squares (Higham and Mary 2019, SIAM Journal on Scientific Computing 41, A2815).
+    least = np.finfo(np.float64).eps * math.sqrt(samples) * power
     damping, converged, iterations = 1e-3, False, 0
     while iterations < max_iterations:
         iterations += 1
@@ -130,7 +131,7 @@ def refine(
             step = np.linalg.solve(hessian * (1.0 + damping * identity), gradient)
         except np.linalg.LinAlgError:  # a direction the data do not see at all: damp harder
             step = np.full(free.size, np.nan)
-        if damping < 1.0 and float(step @ gradient) <= NO_GAIN / samples * max(current.rss, ROUNDING * power):
+        if damping < 1.0 and float(step @ gradient) <= NO_GAIN / samples * max(current.rss, least):
             converged = True
             break
         trial = x.copy()

@@ -195,11 +195,8 @@ def _with_ambiguous_poses(
     return fits
 
 
-# Peaks of the correlation over the first angle that are fitted; a peak within 10 degrees of the fit is the fit itself.
+# Peaks of the correlation over the first angle that are fitted.
 PEAKS = 4
-OWN_PEAK = math.radians(10.0)
-# This number of the coarse views shows where the peaks are.
-VIEWS = 20
 
 # The handedness, the geometry with the turned first angle, and the phantom's position (x, y) in mm.
 Pose = tuple[Handedness, SourceFrame, tuple[float, float]]
@@ -212,9 +209,8 @@ def ambiguous_poses(
 
     In each pose the centroid stays at its place in the fit, which `at` and `position_mm` give.
     """
-    some = slice(None, None, max(1, len(misfit.angles_rad) // VIEWS))
-    angles, turns = hypothesis.rotation.apply(misfit.angles_rad)[some], misfit.table_rad[::2]
-    data = misfit.sinogram[some].ravel() - misfit.sinogram[some].mean()
+    angles, turns = hypothesis.rotation.apply(misfit.angles_rad), misfit.table_rad[::2]
+    data = misfit.sinogram.ravel() - misfit.sinogram.mean()
     centroid = complex(*misfit.phantoms[hypothesis.handedness].centroid_mm) + complex(*position_mm)
     poses: list[Pose] = []
     for other, phantom in misfit.phantoms.items():
@@ -234,7 +230,7 @@ def ambiguous_poses(
         )
         peak = (correlation > np.roll(correlation, 1)) & (correlation >= np.roll(correlation, -1))
         if other is hypothesis.handedness:
-            peak &= np.abs(np.angle(np.exp(1j * turns))) > OWN_PEAK
+            peak[0] = False  # the fit itself
         for index in sorted(np.flatnonzero(peak), key=lambda index: -correlation[index])[:PEAKS]:
             frame = replace(at, psi_rad=wrap_angle(at.psi_rad + float(turns[index])))
             poses.append((other, frame, (places[index].real, places[index].imag)))
