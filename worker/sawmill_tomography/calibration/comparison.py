@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sawmill_tomography.calibration.calibration import CalibratedGeometry
-from sawmill_tomography.calibration.covariance import CHANCE
-from sawmill_tomography.calibration.judgement import MATTERS
 from sawmill_tomography.calibration.scale import size_by_distance
+from sawmill_tomography.drift.change import SIGNIFICANT
 from sawmill_tomography.geometry.fit_parameters import RAYS, FitParameter
 from sawmill_tomography.geometry.geometry import (
     FloatArray,
@@ -24,6 +23,9 @@ from sawmill_tomography.statistics import TWO_SIDED_95
 from sawmill_vocabulary import ObjectTurns
 from sawmill_vocabulary.messages import Reason, Value
 from sawmill_vocabulary.movement_messages import MovementMessage
+
+# A change that moves the rays by less than this share of the tolerance is no movement, however precisely known.
+NEGLIGIBLE = 0.15
 
 
 @dataclass(frozen=True)
@@ -197,7 +199,7 @@ def likely_cause(
         causes = [cause for cause in every if not (of_passages and cause.message is MovementMessage.TURNTABLE)]
         remaining = [_remaining(change[RAYS], spread, np.array(cause.directions).T) for cause in causes]
         best = int(np.argmin(remaining))
-        if remaining[best] < CHANCE:
+        if remaining[best] < SIGNIFICANT:
             values |= _of_size(scanner, before, after) if causes[best] is _SIZE else {}
             return causes[best].message(**values)
     return MovementMessage.SEVERAL(**values)
@@ -220,7 +222,7 @@ def _negligible(scanner: Scanner, frame: SourceFrame, allowed_mm: float, radius_
         try:
             shape = ray_error(scanner, frame, moved, radius_mm=radius_mm)
             scale_mm = scale_ray_error(scanner, frame, shape.scale_change, radius_mm=radius_mm)
-            sizes.append(MATTERS * allowed_mm * step / math.hypot(shape.rms_mm, scale_mm))
+            sizes.append(NEGLIGIBLE * allowed_mm * step / math.hypot(shape.rms_mm, scale_mm))
         except GeometryError:  # these rays do not meet the log: no change has a known size
             sizes.append(step)
     return np.array(sizes)

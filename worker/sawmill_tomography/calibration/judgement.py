@@ -12,6 +12,7 @@ from sawmill_tomography.calibration.joint_fit.residual_analysis import ResidualA
 from sawmill_tomography.calibration.joint_fit.residual_statistics import ErrorBars
 from sawmill_tomography.calibration.joint_fit.structure import ResidualPlace, Structure
 from sawmill_tomography.calibration.scale import ScaleSource, ScaleUncertainty, size_by_distance
+from sawmill_tomography.calibration.search.misfit import LARGEST_MAGNIFICATION
 from sawmill_tomography.calibration.second_witness import LogWitness
 from sawmill_tomography.calibration.sinogram_data import counted_radius_mm
 from sawmill_tomography.calibration.source_distance import SourceDistance
@@ -27,15 +28,15 @@ from sawmill_vocabulary.messages import Reason
 # Structure in the residual is reported above this share of the sinogram. Unless the same cells are wrong in all views,
 # structure does not prevent a pass: its effect on the rays is in the error bars, and the error bars decide.
 REPORTED = 0.001
-# What moves the rays by less than this share of the tolerance is no reason and no movement, however precisely known.
+# An effect is a reason where the rays would be off by more than this share of the tolerance without it.
 MATTERS = 0.1
 # A larger creep or jump of the scanner, mm, does not pass. The last view, and the next log, are off by half of it from
 # the mean geometry that is reported; and a phantom that moves three times may look the same (test_unsteadiness.py).
 LARGEST_SCANNER_MOVE_MM = 0.4
-# What no scanner of logs has, as wider cells than `WIDEST_CELL_MM`: a larger magnification, a detector further away
-# (mm). A wrong unit of the cells' distance, or binned pixels, leave the rays right and make all lengths on the detector
-# wrong.
-LARGEST_MAGNIFICATION, LARGEST_SDD_MM = 10.0, 10_000.0
+# What no scanner of logs has, as wider cells than `WIDEST_CELL_MM`: a detector further away (mm), or a magnification
+# larger than those searched. A wrong unit of the cells' distance, or binned pixels, leave the rays right and make all
+# lengths on the detector wrong.
+LARGEST_SDD_MM = 10_000.0
 
 _RESIDUALS = {
     ResidualPlace.STANDING: ResidualMessage.STANDING,
