@@ -8,15 +8,13 @@ from typing import NamedTuple
 import numpy as np
 
 from sawmill_tomography.calibration.fit import Fit, OnStep, ignore_progress, refine
-from sawmill_tomography.calibration.search.misfit import COARSE_VIEWS
+from sawmill_tomography.calibration.search.misfit import COARSE_VIEWS, TURNS
 from sawmill_tomography.calibration.task import CalibrationTask, PoseHypothesis
-from sawmill_tomography.geometry.geometry import angle_difference
+from sawmill_tomography.geometry.geometry import TAU, angle_difference
 from sawmill_vocabulary import Handedness, Rotation
 
 # Hypotheses whose coarse residual is within this factor of the least are fitted to all the data and compared.
 CONTENDER = 3.0
-# Two fits whose first angles differ by less are the same fit.
-SAME_ANGLE = math.radians(5.0)
 ITERATIONS = 60
 # Log-likelihood advantage over the next hypothesis below which the choice is not decisive.
 DECISIVE = 10.0
@@ -123,7 +121,7 @@ def alternatives_of(ranked: Sequence[RankedFit], independent_samples: float) -> 
 def _one_of_each_angle(fitted: list[RankedFit]) -> list[RankedFit]:
     ranked: list[RankedFit] = []
     for hypothesis, fit in sorted(fitted, key=lambda one: one.fit.relative_residual):
-        if all(hypothesis != better.hypothesis or _apart(fit, better.fit) > SAME_ANGLE for better in ranked):
+        if all(hypothesis != better.hypothesis or _apart(fit, better.fit) > TAU / TURNS for better in ranked):
             ranked.append(RankedFit(hypothesis, fit))
     return ranked
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from sawmill_tomography.calibration.alternatives import RankedFit
+from sawmill_tomography.calibration.alternatives import CONTENDER, RankedFit
 from sawmill_tomography.calibration.fit import Fit, OnStep, ignore_progress, refine
 from sawmill_tomography.calibration.joint_fit.effects import PACE, Effect, of_angle
 from sawmill_tomography.calibration.joint_fit.finding import KnownEffect
@@ -33,17 +33,14 @@ from sawmill_vocabulary import Adjustment, Rotation
 from sawmill_vocabulary.messages import Reason
 from sawmill_vocabulary.scan_messages import EffectMessage
 
-# Factors of the angles, and shares of all views that were lost in one block at each of these places of the scan.
-PACES = np.linspace(0.85, 1.15, 25)
-SHARES, PLACES = np.array([0.02, 0.035, 0.05, 0.075, 0.1, 0.125, 0.15]), np.linspace(0.08, 0.92, 13)
-# The best choices of the table are fitted coarsely, and the best of these fits measure the angles of the views.
-FITTED_COARSELY, MEASURED = 12, 3
+# Shares of all views that were lost at the end, or in one block at each of these places of the scan.
+SHARES, PLACES = np.linspace(0.0125, 0.15, 12), np.linspace(0.08, 0.92, 13)
+# The best choices of the table are fitted coarsely, and those of the fits that contend measure the angles of the views.
+FITTED_COARSELY = 12
 # Rounds of measured angles and geometry, and Newton steps of the measurement in a round.
 ROUNDS = 4
 # At most this number of views in a row have a wrong measured angle; each may have a neighbour's.
 WRONG_IN_A_ROW = 5
-# A larger share of lost views is no loss of views.
-MOST_LOST = 0.25
 # A jump that is farther from whole steps, in steps, is no loss of views.
 NOT_WHOLE = 0.1
 
@@ -86,7 +83,10 @@ def _choices(angles_rad: FloatArray) -> FloatArray:
     after = np.arange(views) >= np.round(PLACES * views)[:, None]
     spread = [(1.0 - share) * from_first + share * turn * after for share in SHARES]
     counted = [from_first + share / (1.0 - share) * turn * after for share in SHARES]
-    return np.asarray(angles_rad[0] + np.concatenate([PACES[:, None] * from_first, *spread, *counted]))
+    return np.asarray(
+        angles_rad[0]
+        + np.concatenate([np.array([1.0, *(1.0 - SHARES), *(1.0 + SHARES)])[:, None] * from_first, *spread, *counted])
+    )
 
 
 def _coarse_fits(task: CalibrationTask, seed: int, on_step: OnStep) -> list[tuple[RankedFit, FloatArray]]:
@@ -111,7 +111,8 @@ def _coarse_fits(task: CalibrationTask, seed: int, on_step: OnStep) -> list[tupl
         )
         if fit is not None:
             fits.append((RankedFit(hypothesis, fit), choices[number]))
-    return sorted(fits, key=lambda one: one[0].fit.relative_residual)[:MEASURED]
+    least = min((ranked.fit.relative_residual for ranked, _ in fits), default=0.0)
+    return [one for one in fits if one[0].fit.relative_residual <= CONTENDER * least]
 
 
 def _measured(task: CalibrationTask, start: RankedFit, angles_rad: FloatArray, on_step: OnStep) -> AnglesOfViews | None:
@@ -146,7 +147,7 @@ def _measured(task: CalibrationTask, start: RankedFit, angles_rad: FloatArray, o
         fit = better
         if np.allclose(angles, before):
             break
-    if (pace == 1.0 and not np.ptp(lost)) or (np.diff(lost) < 0.0).any() or np.ptp(lost) > MOST_LOST * len(lost):
+    if (pace == 1.0 and not np.ptp(lost)) or (np.diff(lost) < 0.0).any():
         return None
     return AnglesOfViews(angles, tuple(_effects(from_first, lost, pace, rotation)), RankedFit(start.hypothesis, fit))
 

@@ -15,19 +15,22 @@ from sawmill_vocabulary.scan_messages import AdjustmentMessage
 
 # Rays over which a cell's intensities are averaged.
 FINE_RAYS = 8
+ROUNDS = 2
 
 
 def _adjust(plain: AdjustedFit) -> AdjustedFit:
     """Add the difference, from the fit itself, and repeat the fit, which edges along rays would bias."""
     if not plain.from_counts or plain.data.rays_per_cell == 1:  # a cell of one ray averages nothing
         return plain
-    fit = plain.fit
-    added = averaging(plain.phantom, plain.data, fit.frame, position_mm=fit.position_mm, gain=fit.gain)
-    data = replace(plain.data, sinogram=plain.data.sinogram + added)
-    again = plain.refitted(data, fit)
-    if again is None:
-        return plain
-    return replace(plain.after(data, again, AdjustmentMessage.INTENSITY_AVERAGING()), averaging=added)
+    data, fit, added = plain.data, plain.fit, np.zeros(())
+    for _ in range(ROUNDS):
+        added = averaging(plain.phantom, plain.data, fit.frame, position_mm=fit.position_mm, gain=fit.gain)
+        data = replace(plain.data, sinogram=plain.data.sinogram + added)
+        again = plain.refitted(data, fit)
+        if again is None:
+            return plain
+        fit = again
+    return replace(plain.after(data, fit, AdjustmentMessage.INTENSITY_AVERAGING()), averaging=added)
 
 
 def averaging(

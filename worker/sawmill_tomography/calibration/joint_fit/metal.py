@@ -17,7 +17,14 @@ from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.geometry.geometry import FanBeamGeometry
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.projection import analytic
-from sawmill_tomography.reconstruction.metal import LEAST_NOISE, LEAST_WOOD_MM, MetalFinder, Shadows, smoothed
+from sawmill_tomography.reconstruction.metal import (
+    LEAST_NOISE,
+    LEAST_WOOD_MM,
+    MOST_SAMPLES,
+    MetalFinder,
+    Shadows,
+    smoothed,
+)
 from sawmill_tomography.statistics import robust_deviation
 from sawmill_vocabulary import Handedness, Scanner
 from sawmill_vocabulary.messages import Reason
@@ -25,11 +32,6 @@ from sawmill_vocabulary.scan_messages import AdjustmentMessage
 
 Samples = NDArray[np.bool_]
 
-# Largest radius of the searched disc. No saw takes so large a log, so the position of a
-# phantom farther out is wrong (tests/calibration/test_absurd_values.py).
-LARGEST_RADIUS_MM = 2000.0
-# A body that covers a larger share of the samples is not metal in a phantom.
-MOST_SAMPLES = 0.25
 # The search is repeated, since the metal biases the first fit.
 ROUNDS = 3
 
@@ -74,7 +76,7 @@ def _metal(phantom: Phantom, data: SinogramData, fit: Fit) -> PhantomMetal | Non
     # A scanner whose source is that far away takes any frame: its theta has no source shift.
     scanner = Scanner(distance_mm, cells.count, cells.width_mm, (), cells.arc_radius_mm, cells.waves_mm)
     fan = FanBeamGeometry(scanner, fit.frame.theta(distance_mm), data.angles_rad)
-    finder = MetalFinder.of(fan, radius_mm) if radius_mm <= LARGEST_RADIUS_MM else None
+    finder = MetalFinder.of(fan, radius_mm)
     if finder is None:
         return None
     residual = _residual(phantom, data, fit)

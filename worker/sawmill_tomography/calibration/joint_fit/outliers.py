@@ -16,8 +16,6 @@ from sawmill_tomography.statistics import robust_deviation
 from sawmill_vocabulary import Adjustment
 from sawmill_vocabulary.scan_messages import AdjustmentMessage
 
-# Outliers are reweighted when they have this share of the residual's power.
-OUTLIER_POWER = 0.25
 # Outliers are a fault of the scan, and not a model error, when most of their power lies in cells, or in views, with
 # more than this share of outlying samples (tests/tomography/calibration/test_adjust.py).
 WHOLE = 0.2
@@ -40,7 +38,7 @@ def with_less_weight(current: AdjustedFit, plain: AdjustedFit, residual: FloatAr
     deviation = max(deviation, phantom.size_tolerance * depth)
     size, power = np.abs(residual) / (deviation or np.inf), used * residual**2
     outlying = size > CHANCE
-    if power[outlying].sum() < OUTLIER_POWER * power.sum() or not _is_a_fault(power * outlying, outlying):
+    if not _is_a_fault(power * outlying, outlying):
         return plain
     weights = used * np.divide(CHANCE, size, out=np.ones_like(size), where=outlying) ** 2
     share_percent = 100.0 * float(outlying[used > 0.0].mean())

@@ -22,8 +22,6 @@ SHARE_OF_VIEWS = 1 / 24
 PLACES = 8
 # A slip is a jump of the angles when the phantom's shift is less than this share of the turn at the phantom's rim.
 TURN_ALONE = 0.1
-# A larger jump of source, turntable or detector, mm, leaves no one geometry to report.
-LARGEST_JUMP_MM = 2.0
 
 
 def slip_at(view: int) -> Effect:
@@ -54,7 +52,6 @@ def jump_at(view: int) -> Effect:
         Adjustment.SLIP,
         columns,
         lambda _, sizes: EffectMessage.SCANNER_JUMP(view=view, jump_mm=math.hypot(*sizes)),
-        possible=lambda _, sizes: math.hypot(*sizes) <= LARGEST_JUMP_MM,
     )
 
 
@@ -90,11 +87,11 @@ def likeliest_slip(columns: Sequence[Column], grams: FloatArray, scores: FloatAr
     return least + int(np.einsum("nt,nt->n", after, solved).argmax())
 
 
-# Noise does not explain the scatter when it is larger by BY_FAR standard deviations, with FEWEST_JITTER_VIEWS. An
-# error of the model does not explain the scatter when neighbouring views share less than the share SHARED of it, u_c
-# scatters independently by less than the share COLUMN, the median view has more than the share IN_MOST, and the scatter
-# explains most of the structured residual.
-IN_MOST, FEWEST_JITTER_VIEWS, SHARED, COLUMN = 0.3, 20, 0.3, 0.1
+# Noise does not explain the scatter when it is larger by BY_FAR standard deviations. An error of the model does not
+# explain the scatter when neighbouring views share less than the share SHARED of it, u_c scatters independently by less
+# than the share COLUMN, the median view has more than the share IN_MOST, and the scatter explains most of the
+# structured residual.
+IN_MOST, SHARED, COLUMN = 0.3, 0.3, 0.1
 
 
 def angle_scatter(system: System, change: FloatArray, variance: float) -> float:
@@ -104,7 +101,7 @@ def angle_scatter(system: System, change: FloatArray, variance: float) -> float:
     grams, scores = system.of_views(np.eye(len(change))[:, places], change)
     own = grams[:, psi, psi]
     seen = own > 1e-9 * own.max()
-    if seen.sum() < FEWEST_JITTER_VIEWS or variance <= 0.0:
+    if not seen.any() or variance <= 0.0:
         return 0.0
     own, cross, score = own[seen], grams[seen, psi, u_c], scores[seen, psi]
     unit = score / np.sqrt(own * variance)

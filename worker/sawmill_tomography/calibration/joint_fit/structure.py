@@ -20,13 +20,12 @@ STANDING = 0.05
 # mean square root of the residual, which a few strong cells do not dominate, is squared and must exceed the median
 # view's by the factor ALL_OVER.
 ALL_OVER = 2.0
-# A kink of the shadow has a second difference above the share KINK of the shadow's depth; KINK_CELLS on either side
-# belong to the kink.
-KINK, KINK_CELLS = 0.005, 2
+# A kink of the shadow has a second difference above this share of the shadow's depth.
+KINK = 0.005
 # Edges are to blame when a cell at an edge has this multiple of the power of a cell elsewhere in the shadow.
 EDGES_STAND_OUT = 3.0
-# Another body shades the air when the share SHADED of the samples next to the shadow is darker than DARK deviations.
-DARK, SHADED = 6.0, 0.02
+# Another body shades the air when more than this share of the samples next to the shadow is darker than by chance.
+SHADED = 0.02
 # The least depth of the shadow proper, as a share of the largest.
 SHADOW = 0.02
 
@@ -100,11 +99,7 @@ def _place(residual: FloatArray, model: FloatArray, shared: float) -> ResidualPl
     bent = -2.0 * model
     bent[:, 1:] += model[:, :-1]
     bent[:, :-1] += model[:, 1:]
-    kinks = np.abs(bent) > KINK * depth
-    at_edges = kinks.copy()
-    for away in range(1, KINK_CELLS + 1):
-        at_edges[:, away:] |= kinks[:, :-away]
-        at_edges[:, :-away] |= kinks[:, away:]
+    at_edges = np.abs(bent) > KINK * depth
     if _shades_air(residual, (model <= model.min() + SHADOW * depth) & ~at_edges):
         return ResidualPlace.BESIDE
     in_shadow = (model > model.min() + SHADOW * depth) & ~at_edges
@@ -120,7 +115,7 @@ def _shades_air(residual: FloatArray, air: NDArray[np.bool_]) -> bool:
     beside = residual[air]
     if beside.size == 0:
         return False
-    strong = DARK * robust_deviation(beside)
+    strong = CHANCE * robust_deviation(beside)
     darker, brighter = float((beside > strong).mean()), float((beside < -strong).mean())
     return strong > 0.0 and darker - brighter > SHADED
 
