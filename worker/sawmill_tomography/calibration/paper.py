@@ -180,8 +180,9 @@ def calibrate_as_published(
             progress(getattr(intermediate_result, "nit", 0), chosen.max_generations, best)
 
     # To the digits of the image's numbers, against the objective of a perfect image; otherwise SciPy's default.
-    tight = {"tol": 0.0, "atol": float(np.finfo(np.float32).resolution) * objective.scale}
-    spread: dict[str, Any] = tight if chosen.stop == "tight" else {}
+    spread: dict[str, Any] = (
+        {"tol": 0.0, "atol": float(np.finfo(np.float32).resolution) * objective.scale} if chosen.stop == "tight" else {}
+    )
     outcome = scipy.optimize.differential_evolution(
         recalling,
         scipy.optimize.Bounds(bounds[:, 0], bounds[:, 1]),

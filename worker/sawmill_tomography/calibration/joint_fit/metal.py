@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from sawmill_tomography.calibration.covariance import CHANCE
 from sawmill_tomography.calibration.fit import Fit, OnStep, ignore_progress, refine
 from sawmill_tomography.calibration.sinogram_data import SinogramData
-from sawmill_tomography.geometry.geometry import FanBeamGeometry
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, GeometryError
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.projection import analytic
 from sawmill_tomography.reconstruction.metal import (
@@ -75,7 +75,10 @@ def _metal(phantom: Phantom, data: SinogramData, fit: Fit) -> PhantomMetal | Non
     distance_mm, cells = fit.frame.source_distance_mm, data.cells
     # A scanner whose source is that far away takes any frame: its theta has no source shift.
     scanner = Scanner(distance_mm, cells.count, cells.width_mm, (), cells.arc_radius_mm, cells.waves_mm)
-    fan = FanBeamGeometry(scanner, fit.frame.theta(distance_mm), data.angles_rad)
+    try:
+        fan = FanBeamGeometry(scanner, fit.frame.theta(distance_mm), data.angles_rad)
+    except GeometryError:  # no scanner has a frame to which this fit diverged: it shows no metal
+        return None
     finder = MetalFinder.of(fan, radius_mm)
     if finder is None:
         return None

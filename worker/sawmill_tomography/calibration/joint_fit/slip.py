@@ -87,15 +87,13 @@ def likeliest_slip(columns: Sequence[Column], grams: FloatArray, scores: FloatAr
     return least + int(np.einsum("nt,nt->n", after, solved).argmax())
 
 
-# Noise does not explain the scatter when it is larger by BY_FAR standard deviations. An error of the model does not
-# explain the scatter when neighbouring views share less than the share SHARED of it, u_c scatters independently by less
-# than the share COLUMN, the median view has more than the share IN_MOST, and the scatter explains most of the
-# structured residual.
-IN_MOST, SHARED, COLUMN = 0.3, 0.3, 0.1
-
-
 def angle_scatter(system: System, change: FloatArray, variance: float) -> float:
-    """Estimate the variance of the views' angles, rad^2; 0 where noise or a wrong model explains the scores."""
+    """Estimate the variance of the views' angles, rad^2; 0 where noise or a wrong model explains the scores.
+
+    Noise does not explain the scatter when it is larger by `BY_FAR` standard deviations. An error of the model does not
+    explain the scatter when neighbouring views share less than half of it, u_c scatters independently by less than
+    half, the median view has more than half, and the scatter explains most of the structured residual.
+    """
     places = [next(i for i, c in enumerate(system.columns) if c.term is term) for term in (Term.PSI, Term.U_C)]
     psi, u_c = 0, 1
     grams, scores = system.of_views(np.eye(len(change))[:, places], change)
@@ -117,9 +115,9 @@ def angle_scatter(system: System, change: FloatArray, variance: float) -> float:
     if (
         excess < chance
         or 2.0 * excess * variance < system.structured - float(change @ system.score)
-        or usual * unit.size < IN_MOST * excess
-        or abs(float((unit[1:] * unit[:-1]).sum())) > SHARED * excess
-        or column_excess > max(COLUMN * excess, 0.5 * chance)
+        or 2.0 * usual * unit.size < excess
+        or 2.0 * abs(float((unit[1:] * unit[:-1]).sum())) > excess
+        or 2.0 * column_excess > max(excess, chance)
     ):
         return 0.0
     return float((score**2 - own * variance).sum() / (own**2).sum())
