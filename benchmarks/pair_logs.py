@@ -19,7 +19,6 @@ from fixed_pairs import BEAM, DETECTOR, PHOTONS, ROW_PITCH_MM, ROWS, body, data_
 from measurement import Measurement, check_lines, commit
 from rich.progress import track
 
-from sawmill_tomography.calibration.scale import TWO_SIDED_95
 from sawmill_tomography.geometry.geometry import FloatArray, SourceFrame, rotate, to_vector
 from sawmill_tomography.pairs.agreement import agreement
 from sawmill_tomography.pairs.calibrate import FoundPairs, PairsTask, calibrate_pairs
@@ -28,6 +27,7 @@ from sawmill_tomography.pairs.marks import Sights
 from sawmill_tomography.pairs.ray_errors import PairRays, rigid_motion
 from sawmill_tomography.phantoms.log_model import LogModel
 from sawmill_tomography.physics.passages import simulate_passages
+from sawmill_tomography.statistics import TWO_SIDED_95
 from sawmill_vocabulary import PairedScanner
 from sawmill_vocabulary.physics import Physics
 

@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 CONVERGED = 1e-14
+# 95 % of a normal distribution lie within this number of standard deviations of the mean.
+TWO_SIDED_95 = 1.96
 # The standard deviation of a normal distribution over its median absolute deviation: 1 / Phi^-1(3/4).
 DEVIATION_OF_MEDIAN = 1.4826
 

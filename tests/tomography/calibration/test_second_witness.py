@@ -128,7 +128,7 @@ def test_what_the_phantom_gives_follows_by_its_correlation(heard):
 def test_between_95_and_999_per_mille_the_errors_are_widened(heard):
     near, strained = heard(0.05), heard(0.07)
     assert (near.agreement, strained.agreement) == (Agreement.AGREE, Agreement.STRAINED)
-    assert strained.covariance[3, 3] == pytest.approx(strained.chi_squared / 5.991 * near.covariance[3, 3], rel=1e-6)
+    assert strained.covariance[3, 3] == pytest.approx(strained.chi_squared / 5.99 * near.covariance[3, 3], rel=1e-6)
 
 
 def test_beyond_both_error_bars_the_log_that_stood_still_is_right(heard):

@@ -4,7 +4,7 @@ import math
 from dataclasses import replace
 
 from sawmill_contracts.calibrations import CalibrationResult
-from sawmill_tomography.calibration.scale import TWO_SIDED_95
+from sawmill_tomography.statistics import TWO_SIDED_95
 from sawmill_vocabulary.uncertainty import SOURCES
 
 

@@ -16,12 +16,12 @@ from sawmill_contracts import drifts
 from sawmill_contracts.choices import DriftMethod
 from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.scanners import Tolerances
-from sawmill_tomography.calibration.scale import TWO_SIDED_95
 from sawmill_tomography.calibration.sinogram_data import refuse_log_beyond_source
 from sawmill_tomography.drift import change
 from sawmill_tomography.drift.detector_fit import detector_fit
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, Theta, cell_centres_mm
 from sawmill_tomography.sinograms.present_rows import rows_of_all
+from sawmill_tomography.statistics import TWO_SIDED_95
 from sawmill_vocabulary import Progress, Rotation
 from sawmill_vocabulary.messages import Reason, Value
 from sawmill_vocabulary.movement_messages import LogMessage

@@ -13,11 +13,11 @@ from sawmill_calibration.scans.scan_rows import unreported
 from sawmill_calibration.view_vectors import vectors_of
 from sawmill_contracts.fixed_pairs import FixedPairsResult
 from sawmill_formats.output.scan_writer import new_scan
-from sawmill_tomography.calibration.scale import TWO_SIDED_95
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.pairs.agreement import PairAgreement, agreement
 from sawmill_tomography.pairs.log_pictures import LogPictures, log_pictures
 from sawmill_tomography.pairs.marks import Body, Sights
+from sawmill_tomography.statistics import TWO_SIDED_95
 from sawmill_vocabulary import CellOrder, DataKind, ProgressCallback
 from sawmill_vocabulary.outlines import described
 

@@ -5,19 +5,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
+
 from sawmill_tomography.calibration.fit import Fit, OnStep, ignore_progress, refine
-from sawmill_tomography.calibration.search.misfit import COARSE_VIEWS
+from sawmill_tomography.calibration.search.misfit import COARSE_VIEWS, TURNS
 from sawmill_tomography.calibration.task import CalibrationTask, PoseHypothesis
-from sawmill_tomography.geometry.geometry import angle_difference
+from sawmill_tomography.geometry.geometry import TAU, angle_difference
 from sawmill_vocabulary import Handedness, Rotation
 
 # Hypotheses whose coarse residual is within this factor of the least are fitted to all the data and compared.
 CONTENDER = 3.0
-# Two fits whose first angles differ by less are the same fit.
-SAME_ANGLE = math.radians(5.0)
-ITERATIONS = 60
-# Relative residuals below this are rounding.
-LEAST_RESIDUAL = 1e-12
 # Log-likelihood advantage over the next hypothesis below which the choice is not decisive.
 DECISIVE = 10.0
 
@@ -61,7 +58,8 @@ class Alternatives:
         if self.independent_samples is None:
             return None
         best = self.hypotheses[0].relative_residual
-        return self.independent_samples * math.log(max(relative_residual, LEAST_RESIDUAL) / max(best, LEAST_RESIDUAL))
+        rounding = math.sqrt(np.finfo(np.float64).eps)  # of the root of a sum of squares
+        return self.independent_samples * math.log(max(relative_residual, rounding) / max(best, rounding))
 
     def undecided(self, relative_residual: float) -> bool:
         """Return whether the best fit's log-likelihood hardly exceeds a fit's with this relative residual."""
@@ -90,7 +88,7 @@ def fit_hypotheses(
                 data if contends else data.every(max(1, len(data.sinogram) // COARSE_VIEWS)),
                 start.frame,
                 position_mm=start.position_mm,
-                max_iterations=ITERATIONS if contends else 0,
+                only_measure=not contends,
                 on_step=on_step,
             )
             if fit is not None:
@@ -122,7 +120,7 @@ def alternatives_of(ranked: Sequence[RankedFit], independent_samples: float) -> 
 def _one_of_each_angle(fitted: list[RankedFit]) -> list[RankedFit]:
     ranked: list[RankedFit] = []
     for hypothesis, fit in sorted(fitted, key=lambda one: one.fit.relative_residual):
-        if all(hypothesis != better.hypothesis or _apart(fit, better.fit) > SAME_ANGLE for better in ranked):
+        if all(hypothesis != better.hypothesis or _apart(fit, better.fit) > TAU / TURNS for better in ranked):
             ranked.append(RankedFit(hypothesis, fit))
     return ranked
 

@@ -29,7 +29,7 @@ from sawmill_tomography.calibration.judgement import Evidence, JudgementLimits, 
 from sawmill_tomography.calibration.lost_views import shown_angles
 from sawmill_tomography.calibration.refusals import CalibrationError, refuse_unfound
 from sawmill_tomography.calibration.scale import scale_uncertainty
-from sawmill_tomography.calibration.search.search import SearchCallback, SearchResult, search
+from sawmill_tomography.calibration.search.search import EXPLAINED, SearchCallback, SearchResult, search
 from sawmill_tomography.calibration.source_distance import with_theta
 from sawmill_tomography.calibration.task import CalibrationTask, PoseHypothesis
 from sawmill_tomography.phantoms.built_in import BUILT_IN
@@ -37,10 +37,6 @@ from sawmill_tomography.sinograms.scattered_radiation import fit_hardening, fit_
 from sawmill_vocabulary import Adjustment
 from sawmill_vocabulary.scattered_radiation import NOTHING_FOUND, BeamCorrection
 
-# The best fit that leaves more than this share of the sinogram is too far off to measure the angles of views from it.
-FAR_OFF = 0.1
-# Other angles than those given explain a scan where they leave less than this share of what the angles given leave.
-FAR_BETTER = 0.5
 # Faults of a scan that are handled before the effects are fitted with the geometry.
 BEFORE: tuple[EffectFinding, ...] = (INTENSITY_AVERAGING, OUTLIERS)
 
@@ -188,11 +184,12 @@ def _with_shown_angles(
     before = _plain(task, ranked[0], on_step).unexplained
     if before <= WELL_EXPLAINED:
         return task, ranked, ()
-    shown = shown_angles(task, ranked[0], None if before < FAR_OFF else seed, on_step)
+    shown = shown_angles(task, ranked[0], None if before < EXPLAINED else seed, on_step)
     if shown is None:
         return task, ranked, ()
     shown_task = replace(task, angles_rad=shown.angles_rad)
-    if _plain(shown_task, shown.ranked, on_step).unexplained > min(FAR_BETTER * before, FAR_OFF):
+    left = _plain(shown_task, shown.ranked, on_step).unexplained
+    if left > EXPLAINED or 2.0 * left > before:  # other angles than those given explain most of what these leave
         return task, ranked, ()
     return shown_task, fit_hypotheses(shown_task, search(shown_task, seed, None, on_step).fits, on_step), shown.effects
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sawmill_tomography.calibration.calibration import CalibratedGeometry
-from sawmill_tomography.calibration.scale import TWO_SIDED_95, size_by_distance
+from sawmill_tomography.calibration.scale import size_by_distance
+from sawmill_tomography.drift.change import SIGNIFICANT
 from sawmill_tomography.geometry.fit_parameters import RAYS, FitParameter
 from sawmill_tomography.geometry.geometry import (
     FloatArray,
@@ -18,12 +19,11 @@ from sawmill_tomography.geometry.geometry import (
     to_vector,
 )
 from sawmill_tomography.geometry.ray_error import RayError, ray_error, scale_deviation, scale_ray_error
+from sawmill_tomography.statistics import TWO_SIDED_95
 from sawmill_vocabulary import ObjectTurns
 from sawmill_vocabulary.messages import Reason, Value
 from sawmill_vocabulary.movement_messages import MovementMessage
 
-# A cause explains a change when the rest is within this number of standard deviations (Mahalanobis).
-SIGNIFICANT = 3.5
 # A change that moves the rays by less than this share of the tolerance is no movement, however precisely known.
 NEGLIGIBLE = 0.15
 

@@ -12,9 +12,10 @@ import numpy as np
 
 from sawmill_tomography.geometry.fit_parameters import FRAME, FitParameter, GramTerm
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, Theta, to_vector
+from sawmill_tomography.statistics import TWO_SIDED_95
 
-# The source shift is resolved from zero when R exceeds r_S by more than this number of standard deviations.
-RESOLVED = 2.0
+# Chance explains what is off by up to this number of standard deviations: one sample of 16 000 is further off.
+CHANCE = 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +48,7 @@ def theta_covariance(scanner: Scanner, frame: SourceFrame, theta: Theta, covaria
     """Propagate the covariance to theta to first order, (5, 5); None where h_S is not resolved from zero."""
     r, r_s = frame.source_distance_mm, scanner.source_to_cor_mm
     spread = math.sqrt(float(covariance[FitParameter.R, FitParameter.R]))
-    if spread == 0.0 or r - r_s <= RESOLVED * spread:
+    if spread == 0.0 or r - r_s <= TWO_SIDED_95 * spread:
         return None
     sign = 1 if theta.source_shift_mm >= 0.0 else -1
     vector = to_vector(frame)

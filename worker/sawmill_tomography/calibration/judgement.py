@@ -6,11 +6,13 @@ from dataclasses import dataclass
 from enum import Enum
 
 from sawmill_tomography.calibration.alternatives import Alternatives
+from sawmill_tomography.calibration.covariance import CHANCE
 from sawmill_tomography.calibration.fit import Fit, FittedModel
 from sawmill_tomography.calibration.joint_fit.residual_analysis import ResidualAnalysis
 from sawmill_tomography.calibration.joint_fit.residual_statistics import ErrorBars
 from sawmill_tomography.calibration.joint_fit.structure import ResidualPlace, Structure
-from sawmill_tomography.calibration.scale import TWO_SIDED_95, ScaleSource, ScaleUncertainty, size_by_distance
+from sawmill_tomography.calibration.scale import ScaleSource, ScaleUncertainty, size_by_distance
+from sawmill_tomography.calibration.search.misfit import LARGEST_MAGNIFICATION
 from sawmill_tomography.calibration.second_witness import LogWitness
 from sawmill_tomography.calibration.sinogram_data import counted_radius_mm
 from sawmill_tomography.calibration.source_distance import SourceDistance
@@ -18,6 +20,7 @@ from sawmill_tomography.calibration.task import CalibrationTask
 from sawmill_tomography.geometry.fit_parameters import FitParameter
 from sawmill_tomography.geometry.geometry import SourceFrame
 from sawmill_tomography.preparing.line_integrals import MOST_DEAD
+from sawmill_tomography.statistics import TWO_SIDED_95
 from sawmill_vocabulary import WIDEST_CELL_MM, Agreement, CalibrationStatus, MovedBody, Verdict
 from sawmill_vocabulary.calibration_messages import CalibrationMessage, ResidualMessage
 from sawmill_vocabulary.messages import Reason
@@ -25,19 +28,15 @@ from sawmill_vocabulary.messages import Reason
 # Structure in the residual is reported above this share of the sinogram. Unless the same cells are wrong in all views,
 # structure does not prevent a pass: its effect on the rays is in the error bars, and the error bars decide.
 REPORTED = 0.001
-# Error bars that exceed those for white noise by more than this factor are large because of the model.
-MODEL_DOMINATED = 2.0
 # An effect is a reason where the rays would be off by more than this share of the tolerance without it.
 MATTERS = 0.1
 # A larger creep or jump of the scanner, mm, does not pass. The last view, and the next log, are off by half of it from
 # the mean geometry that is reported; and a phantom that moves three times may look the same (test_unsteadiness.py).
 LARGEST_SCANNER_MOVE_MM = 0.4
-# What no scanner of logs has, as wider cells than `WIDEST_CELL_MM`: a larger magnification, a detector further away
-# (mm). A wrong unit of the cells' distance, or binned pixels, leave the rays right and make all lengths on the detector
-# wrong.
-LARGEST_MAGNIFICATION, LARGEST_SDD_MM = 10.0, 10_000.0
-# A free source distance that is less than source_to_cor_mm by more standard deviations is not explained by noise.
-CONTRADICTION = 4.0
+# What no scanner of logs has, as wider cells than `WIDEST_CELL_MM`: a detector further away (mm), or a magnification
+# larger than those searched. A wrong unit of the cells' distance, or binned pixels, leave the rays right and make all
+# lengths on the detector wrong.
+LARGEST_SDD_MM = 10_000.0
 
 _RESIDUALS = {
     ResidualPlace.STANDING: ResidualMessage.STANDING,
@@ -252,7 +251,7 @@ def _held_distance(evidence: Evidence, limits: JudgementLimits) -> Iterator[Rema
     if not distance.held:
         return
     free_mm = distance.unconstrained_mm
-    if distance.deficit_deviations > CONTRADICTION:
+    if distance.deficit_deviations > CHANCE:
         yield Remark(
             Degree.FAIL,
             CalibrationMessage.SCALE_CONTRADICTION(
@@ -272,7 +271,8 @@ def _precision(evidence: Evidence, limits: JudgementLimits) -> Iterator[Remark]:
     predicted, tolerance_mm = evidence.error_bars.predicted_ray_error, limits.tolerance_mm
     if predicted.upper_95_mm <= tolerance_mm:
         return
-    of_the_model = evidence.structure is not None and evidence.error_bars.statistics.deviation_ratio > MODEL_DOMINATED
+    # What the variance has beyond that for white noise is the model's: here more than half of the variance.
+    of_the_model = evidence.structure is not None and evidence.error_bars.statistics.deviation_ratio**2 > 2.0
     message = CalibrationMessage.IMPRECISE_MODEL if of_the_model else CalibrationMessage.IMPRECISE
     yield Remark(
         Degree.WATCH if predicted.rms_mm <= tolerance_mm else Degree.FAIL,

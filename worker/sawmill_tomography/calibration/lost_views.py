@@ -13,36 +13,33 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from sawmill_tomography.calibration.alternatives import RankedFit
+from sawmill_tomography.calibration.alternatives import CONTENDER, RankedFit
 from sawmill_tomography.calibration.fit import Fit, OnStep, ignore_progress, refine
 from sawmill_tomography.calibration.joint_fit.effects import PACE, Effect, of_angle
 from sawmill_tomography.calibration.joint_fit.finding import KnownEffect
-from sawmill_tomography.calibration.search.misfit import COARSE_VIEWS, Candidate
-from sawmill_tomography.calibration.search.search import coarse_misfit, geometry_box, guesses_from_shadow
+from sawmill_tomography.calibration.search.misfit import COARSE_VIEWS, TURNS, Candidate
+from sawmill_tomography.calibration.search.search import (
+    coarse_misfit,
+    geometry_box,
+    guesses_from_shadow,
+)
 from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.calibration.task import CalibrationTask, PoseHypothesis
 from sawmill_tomography.geometry.fit_parameters import FitParameter, GramTerm
-from sawmill_tomography.geometry.geometry import FloatArray
+from sawmill_tomography.geometry.geometry import TAU, FloatArray
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_vocabulary import Adjustment, Rotation
 from sawmill_vocabulary.messages import Reason
 from sawmill_vocabulary.scan_messages import EffectMessage
 
-# Factors of the angles, and shares of all views that were lost in one block at each of these places of the scan.
-PACES = np.linspace(0.85, 1.15, 25)
-SHARES, PLACES = np.array([0.02, 0.035, 0.05, 0.075, 0.1, 0.125, 0.15]), np.linspace(0.08, 0.92, 13)
-# The best choices of the table are fitted coarsely, and the best of these fits measure the angles of the views.
-FITTED_COARSELY, MEASURED, ITERATIONS = 12, 3, 20
-# Rounds of measured angles and geometry; Newton steps of the measurement in a round, and the largest.
-ROUNDS, STEPS, LARGEST_STEP_RAD = 4, 4, 0.05
-# Angles are equidistant where no step differs from the median by a larger share.
-EQUIDISTANT = 0.25
-# Factors that change the last angle by a smaller part of a step are left to the joint fit.
-LEAST_FACTOR = 0.5
+# Shares of all views that were lost at the end, or in one block at each of these places of the scan.
+SHARES, PLACES = np.linspace(0.0125, 0.15, 12), np.linspace(0.08, 0.92, 13)
+# The best choices of the table are fitted coarsely, and those of the fits that contend measure the angles of the views.
+FITTED_COARSELY = 12
+# Rounds of measured angles and geometry, and Newton steps of the measurement in a round.
+ROUNDS = 4
 # At most this number of views in a row have a wrong measured angle; each may have a neighbour's.
 WRONG_IN_A_ROW = 5
-# A larger share of lost views is no loss of views.
-MOST_LOST = 0.25
 # A jump that is farther from whole steps, in steps, is no loss of views.
 NOT_WHOLE = 0.1
 
@@ -75,7 +72,7 @@ def shown_angles(
 def _equidistant(angles_rad: FloatArray) -> bool:
     steps = np.diff(angles_rad)
     usual = float(np.median(steps))
-    return usual != 0.0 and bool((np.abs(steps - usual) < EQUIDISTANT * abs(usual)).all())
+    return usual != 0.0 and bool((np.round(steps / usual) == 1.0).all())
 
 
 def _choices(angles_rad: FloatArray) -> FloatArray:
@@ -85,7 +82,10 @@ def _choices(angles_rad: FloatArray) -> FloatArray:
     after = np.arange(views) >= np.round(PLACES * views)[:, None]
     spread = [(1.0 - share) * from_first + share * turn * after for share in SHARES]
     counted = [from_first + share / (1.0 - share) * turn * after for share in SHARES]
-    return np.asarray(angles_rad[0] + np.concatenate([PACES[:, None] * from_first, *spread, *counted]))
+    return np.asarray(
+        angles_rad[0]
+        + np.concatenate([np.array([1.0, *(1.0 - SHARES), *(1.0 + SHARES)])[:, None] * from_first, *spread, *counted])
+    )
 
 
 def _coarse_fits(task: CalibrationTask, seed: int, on_step: OnStep) -> list[tuple[RankedFit, FloatArray]]:
@@ -105,10 +105,11 @@ def _coarse_fits(task: CalibrationTask, seed: int, on_step: OnStep) -> list[tupl
     for hypothesis, number in sorted(best, key=lambda choice: best[choice].misfit)[:FITTED_COARSELY]:
         data = SinogramData(misfit.sinogram, hypothesis.rotation.apply(coarse[number]), misfit.cells)
         start = best[hypothesis, number].frame
-        fit = refine(task.phantoms[hypothesis.handedness], data, start, max_iterations=ITERATIONS, on_step=on_step)
+        fit = refine(task.phantoms[hypothesis.handedness], data, start, on_step=on_step)
         if fit is not None:
             fits.append((RankedFit(hypothesis, fit), choices[number]))
-    return sorted(fits, key=lambda one: one[0].fit.relative_residual)[:MEASURED]
+    least = min((ranked.fit.relative_residual for ranked, _ in fits), default=0.0)
+    return [one for one in fits if one[0].fit.relative_residual <= CONTENDER * least]
 
 
 def _measured(task: CalibrationTask, start: RankedFit, angles_rad: FloatArray, on_step: OnStep) -> AnglesOfViews | None:
@@ -133,7 +134,7 @@ def _measured(task: CalibrationTask, start: RankedFit, angles_rad: FloatArray, o
             lost = np.choose(np.argmin(misfits, axis=0), rows)
         counted = _counted(from_first, lost)
         pace = float(np.polyfit(counted, measured, 1)[0])
-        if abs(pace - 1.0) * len(taken) < LEAST_FACTOR:
+        if round((pace - 1.0) * len(taken)) == 0:  # less than half a step of the last angle is left to the joint fit
             pace = 1.0
         before, angles = angles, first + pace * counted
         data = replace(data, angles_rad=rotation.apply(angles))
@@ -143,7 +144,7 @@ def _measured(task: CalibrationTask, start: RankedFit, angles_rad: FloatArray, o
         fit = better
         if np.allclose(angles, before):
             break
-    if (pace == 1.0 and not np.ptp(lost)) or (np.diff(lost) < 0.0).any() or np.ptp(lost) > MOST_LOST * len(lost):
+    if (pace == 1.0 and not np.ptp(lost)) or (np.diff(lost) < 0.0).any():
         return None
     return AnglesOfViews(angles, tuple(_effects(from_first, lost, pace, rotation)), RankedFit(start.hypothesis, fit))
 
@@ -163,14 +164,14 @@ def _misfit_by_view(phantom: Phantom, data: SinogramData, fit: Fit) -> FloatArra
 def _newton(phantom: Phantom, data: SinogramData, fit: Fit) -> FloatArray:
     """Return the angle of each view at the geometry of a fit, (views,), by Newton's steps from the data's angles."""
     x = fit.to_vector()
-    for _ in range(STEPS):
+    for _ in range(ROUNDS):
         of_turn = data.gram(phantom, x)[:, FitParameter.PSI]
         score = (
             of_turn[:, GramTerm.DATA] - fit.gain * of_turn[:, GramTerm.SHADOW] - fit.offset * of_turn[:, GramTerm.ONE]
         )
         information = fit.gain * of_turn[:, FitParameter.PSI]
         step = score / np.maximum(information, 1e-9 * information.max())
-        data = replace(data, angles_rad=data.angles_rad + np.clip(step, -LARGEST_STEP_RAD, LARGEST_STEP_RAD))
+        data = replace(data, angles_rad=data.angles_rad + np.clip(step, -TAU / TURNS, TAU / TURNS))
     return data.angles_rad
 
 

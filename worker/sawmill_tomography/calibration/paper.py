@@ -59,10 +59,6 @@ from sawmill_vocabulary import (
 )
 from sawmill_vocabulary.calibration_messages import CalibrationMessage
 
-# Spread of the tight stop, as a share of the objective of a perfect image.
-TIGHT = 1e-6
-SCIPY_DEFAULT_TOL = 0.01
-
 AnyFloats = NDArray[np.floating[Any]]
 Pair = tuple[AnyFloats, AnyFloats]
 
@@ -183,7 +179,10 @@ def calibrate_as_published(
         if progress is not None and not recalling.recalls:
             progress(getattr(intermediate_result, "nit", 0), chosen.max_generations, best)
 
-    tight = chosen.stop == "tight"
+    # To the digits of the image's numbers, against the objective of a perfect image; otherwise SciPy's default.
+    spread: dict[str, Any] = (
+        {"tol": 0.0, "atol": float(np.finfo(np.float32).resolution) * objective.scale} if chosen.stop == "tight" else {}
+    )
     outcome = scipy.optimize.differential_evolution(
         recalling,
         scipy.optimize.Bounds(bounds[:, 0], bounds[:, 1]),
@@ -193,8 +192,7 @@ def calibrate_as_published(
         maxiter=chosen.max_generations,
         rng=np.random.default_rng(seed),
         callback=report,
-        tol=0.0 if tight else SCIPY_DEFAULT_TOL,
-        atol=TIGHT * objective.scale if tight else 0.0,
+        **spread,
     )
     SearchReport.note(history, recalling.count, float(outcome.fun))  # the polish comes after the last generation
     search = SearchReport(

@@ -9,6 +9,7 @@ from sawmill_tomography.calibration.covariance import frame_deviation, reduce, t
 from sawmill_tomography.calibration.refusals import refuse_round
 from sawmill_tomography.calibration.scale import ScaleUncertainty, scale_uncertainty
 from sawmill_tomography.calibration.sinogram_data import counted_radius_mm, refuse_log_beyond_source
+from sawmill_tomography.geometry.fit_parameters import GramTerm
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray, GeometryError
 from sawmill_tomography.geometry.ray_error import RayErrorPrediction, predicted_ray_error
 from sawmill_tomography.phantoms.phantom import Phantom, PhantomError
@@ -16,8 +17,6 @@ from sawmill_tomography.projection import analytic
 from sawmill_tomography.projection.analytic import PARAMETERS, DetectorCells
 
 NAMES = ("psi", "R", "SDD", "u_c", "tau", "position x", "position y")
-# Eigenvalues of the information, with the diagonal scaled to one, below this share of the largest are rounding.
-LEAST_INFORMATION = 1e-11
 
 
 @dataclass(frozen=True)
@@ -89,7 +88,8 @@ def _inverse(phantom: Phantom, grams: FloatArray) -> FloatArray:
     # Radians and millimetres differ by 1e4: the diagonal is scaled to one before inverting.
     scale = 1.0 / np.sqrt(np.where(size > 0.0, size, 1.0))
     values, vectors = np.linalg.eigh(information * np.outer(scale, scale))
-    if values[0] < LEAST_INFORMATION * values[-1]:
+    # Each element is a sum over the samples, which rounding changes by up to eps for each of them.
+    if values[0] < np.finfo(np.float64).eps * grams[:, GramTerm.ONE, GramTerm.ONE].sum() * values[-1]:
         names = " and ".join(name for name, share in zip(NAMES, np.abs(vectors[:, 0]), strict=True) if share > 0.1)
         raise PhantomError(
             f"a scan of the phantom {phantom.name!r} leaves {names} undetermined: choose a body with less symmetry, or "

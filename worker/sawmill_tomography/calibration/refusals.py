@@ -7,16 +7,14 @@ import numpy as np
 from sawmill_tomography.calibration.fit import Fit
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner
 from sawmill_tomography.phantoms.phantom import Phantom, PhantomError
+from sawmill_tomography.sinograms.screening import FEWEST_VIEWS
 
 # A fit that leaves more than this share of the sinogram unexplained has not found the phantom: the right phantom seen
 # from the wrong side leaves 0.11 to 0.3, an empty scan 1.
 NOT_FOUND = 0.25
-# A source distance outside these multiples of source_to_cor_mm is impossible: the fit diverged, or a unit is wrong.
-FARTHEST, NEAREST = 2.0, 0.5
-# A smaller range of values is no sinogram in any unit, and the squares would leave the range of numbers.
-LEAST_RANGE = 1e-30
-# Fewer views cannot give the seven unknowns, gain and background.
-FEWEST_VIEWS = 3
+# A source distance that differs from source_to_cor_mm by a larger factor is impossible: the fit diverged, or a unit is
+# wrong.
+FARTHEST = 2.0
 
 
 class CalibrationError(Exception):
@@ -60,7 +58,8 @@ def refuse_unusable(scanner: Scanner, sinogram: FloatArray, angles_rad: FloatArr
         )
     if not np.isfinite(sinogram).all() or not np.isfinite(angles_rad).all():
         raise CalibrationError("not-finite", "the sinogram or its angles hold NaN or infinite values: remove them")
-    if 0.0 < np.ptp(sinogram) < LEAST_RANGE:
+    # Numbers below float32 are in no unit, and their squares would leave the range of float64.
+    if 0.0 < np.ptp(sinogram) < np.finfo(np.float32).tiny:
         raise CalibrationError(
             "flat-scan",
             f"the values of the sinogram differ by {np.ptp(sinogram):.3g} at most: give line integrals in a unit "
@@ -106,7 +105,7 @@ def refuse_other_scanner(scanner: Scanner, source_distance_mm: float) -> None:
 
     A fit without effects may have such an error: hardening in a nearly round phantom makes R three times as long.
     """
-    if not NEAREST < source_distance_mm / scanner.source_to_cor_mm < FARTHEST:
+    if not 1.0 / FARTHEST < source_distance_mm / scanner.source_to_cor_mm < FARTHEST:
         raise CalibrationError(
             "phantom-not-seen",
             f"the best geometry puts the source at {source_distance_mm:.4g} mm where source_to_cor_mm is "

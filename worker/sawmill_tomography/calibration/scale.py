@@ -7,9 +7,7 @@ from enum import Enum
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame
 from sawmill_tomography.geometry.ray_error import scale_deviation, scale_ray_error
 from sawmill_tomography.phantoms.phantom import Phantom
-
-# 95 % of a normal distribution lie within this number of standard deviations of the mean.
-TWO_SIDED_95 = 1.96
+from sawmill_tomography.statistics import TWO_SIDED_95
 
 
 class ScaleSource(Enum):

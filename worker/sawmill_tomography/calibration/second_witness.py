@@ -11,14 +11,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from sawmill_tomography.drift.change import LogMovement
+from sawmill_tomography.drift.detector_fit import BY_CHANCE
 from sawmill_tomography.geometry.fit_parameters import FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, to_vector
 from sawmill_tomography.geometry.ray_error import predicted_ray_error
 from sawmill_vocabulary import Agreement, DetectorEstimate, MovedBody, Rotation, UsedEstimate
 
-# Chi-squared, 2 degrees of freedom: 95 % of agreeing pairs are below AGREE and 99.9 % below DISAGREE. Between the two
-# limits the answers are combined, and the errors enlarged by the difference (Birge 1932).
-AGREE, DISAGREE = 5.991, 13.816
+# Chi-squared, 2 degrees of freedom: 99.9 % of agreeing pairs are below. Between `BY_CHANCE` and this the answers are
+# combined, and the errors enlarged by the difference (Birge 1932).
+DISAGREE = 13.816
 # `LogWitness.vector`, `covariance` and `kept`.
 _Conditioned = tuple[FloatArray, FloatArray, FloatArray]
 # The parameters that both bodies show.
@@ -89,7 +90,9 @@ def compare_witnesses(
         case "log":
             conditioned = prior.replaced(difference, np.array(log.detector.covariance))
         case "both":
-            conditioned = prior.combined(difference, np.array(log.detector.covariance), max(1.0, chi_squared / AGREE))
+            conditioned = prior.combined(
+                difference, np.array(log.detector.covariance), max(1.0, chi_squared / BY_CHANCE)
+            )
     bias = np.zeros((len(vector), 1))
     bias[BOTH, 0] = difference
     return LogWitness(
@@ -113,7 +116,7 @@ def _detector(vector: FloatArray, covariance: FloatArray) -> DetectorEstimate:
 def _agreement(chi_squared: float) -> Agreement:
     if chi_squared > DISAGREE:
         return Agreement.DISAGREE
-    return Agreement.AGREE if chi_squared <= AGREE else Agreement.STRAINED
+    return Agreement.AGREE if chi_squared <= BY_CHANCE else Agreement.STRAINED
 
 
 def _moved(log: LogMovement | None, agreement: Agreement, *, phantom_moved: bool) -> MovedBody | None:

@@ -11,6 +11,9 @@ from sawmill_tomography.projection import analytic
 from sawmill_tomography.projection.analytic import DetectorCells
 from sawmill_vocabulary import LARGEST_ASSUMED_LOG_RADIUS_MM, GeometryError, Scanner
 
+# At most this share of the views are few: faults of single views, and noise, are in no more.
+FEW_VIEWS = 0.05
+
 
 @dataclass(frozen=True)
 class SinogramData:

@@ -13,7 +13,12 @@ import scipy
 from numpy.typing import NDArray
 
 from sawmill_tomography.calibration.refusals import refuse_round, refuse_unusable
-from sawmill_tomography.calibration.sinogram_data import SinogramData, counted_radius_mm, refuse_log_beyond_source
+from sawmill_tomography.calibration.sinogram_data import (
+    FEW_VIEWS,
+    SinogramData,
+    counted_radius_mm,
+    refuse_log_beyond_source,
+)
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, ThetaBounds
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.projection.analytic import DetectorCells
@@ -110,10 +115,6 @@ WIDTH_MM = 12.0
 # of 2 000 photons and more the corners of sound phantoms reached 0.09 in one view of ten, screws of 5 mm 0.2 in half of
 # the views.
 DEEP = 0.15
-# Fewer views with such peaks than this share are noise in the deepest shadow.
-LEAST_VIEWS = 0.05
-# This number of views shows whether there are any peaks.
-FEW_VIEWS = 64
 # Quantiles of the sinogram without its peaks, between which the phantom's depth lies.
 QUANTILES = (0.02, 0.99)
 
@@ -126,14 +127,13 @@ def narrow_peaks(sinogram: FloatArray, views: NDArray[np.bool_], pitch_mm: float
     width = max(2, round(WIDTH_MM / pitch_mm))
     if sinogram.shape[1] <= 4 * width:
         return None
-    few = slice(None, None, max(1, len(sinogram) // FEW_VIEWS))
-    excess = _excess(sinogram[few], width)
-    low, high = np.quantile(sinogram[few, width:-width] - np.maximum(excess, 0.0), QUANTILES)
-    deep = DEEP * (high - low)
-    if not high > low or _peaks(excess, deep)[views[few]].any(axis=1).mean() < LEAST_VIEWS:
+    excess = _excess(sinogram, width)
+    low, high = np.quantile(sinogram[:, width:-width] - np.maximum(excess, 0.0), QUANTILES)
+    deep = _peaks(excess, DEEP * (high - low))
+    if not high > low or deep[views].any(axis=1).mean() < FEW_VIEWS:  # noise in the deepest shadow
         return None
     peaks = np.zeros(sinogram.shape, np.uint8)
-    peaks[:, width + 1 : -width - 1] = _peaks(_excess(sinogram, width), deep)
+    peaks[:, width + 1 : -width - 1] = deep
     return np.asarray(scipy.ndimage.maximum_filter1d(peaks, width, axis=1, mode="constant") > 0)
 
 

@@ -6,11 +6,10 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from sawmill_tomography.calibration.scale import TWO_SIDED_95
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.pairs.log_pictures import LogPictures
 from sawmill_tomography.pairs.marks import MIDDLE_MM, MISSED, Sights, bend
-from sawmill_tomography.statistics import exceeded_chi_square
+from sawmill_tomography.statistics import TWO_SIDED_95, exceeded_chi_square
 from sawmill_vocabulary.outlines import described
 
 # How well the middles of shadows agree where nothing has moved: scattered radiation and hardening move them

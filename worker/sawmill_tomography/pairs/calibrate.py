@@ -9,7 +9,6 @@ from itertools import combinations
 import numpy as np
 
 from sawmill_tomography.calibration.judgement import Degree, Remark, combined
-from sawmill_tomography.calibration.scale import TWO_SIDED_95
 from sawmill_tomography.calibration.sinogram_data import counted_radius_mm
 from sawmill_tomography.geometry.geometry import TAU, FloatArray, GeometryError, SourceFrame, rotate, to_vector
 from sawmill_tomography.pairs.coarse import Nominal, Placed, likely, restarted, starts, together
@@ -17,7 +16,7 @@ from sawmill_tomography.pairs.fine import CORNERS, FRAMES, OF_FAN, FineFit
 from sawmill_tomography.pairs.passages import PairData, moved_frames
 from sawmill_tomography.pairs.ray_errors import PairRays, PredictedRays, rigid_motion
 from sawmill_tomography.phantoms.phantom import Phantom
-from sawmill_tomography.statistics import robust_deviation
+from sawmill_tomography.statistics import TWO_SIDED_95, robust_deviation
 from sawmill_vocabulary import (
     CellOrder,
     PairedScanner,

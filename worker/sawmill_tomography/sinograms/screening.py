@@ -69,6 +69,7 @@ def screen(sinogram: FloatArray, *, cells: bool = True, views: bool = True) -> S
 # A view is corrupt when this share of its samples is outside the range of the median view, or when its own range is
 # less than this share of that range: a view that was never filled varies as the cells' gains do, by some 0.15.
 VIEW_SHARE, FLAT_SHARE = 0.01, 0.05
+# Fewer views cannot give the seven unknowns of a calibration, gain and background.
 FEWEST_VIEWS = 3
 
 

@@ -11,12 +11,20 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from sawmill_tomography.calibration.covariance import CHANCE
 from sawmill_tomography.calibration.fit import Fit, OnStep, ignore_progress, refine
 from sawmill_tomography.calibration.sinogram_data import SinogramData
-from sawmill_tomography.geometry.geometry import FanBeamGeometry
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, GeometryError
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.projection import analytic
-from sawmill_tomography.reconstruction.metal import LEAST_NOISE, LEAST_WOOD_MM, MetalFinder, Shadows, smoothed
+from sawmill_tomography.reconstruction.metal import (
+    LEAST_NOISE,
+    LEAST_WOOD_MM,
+    MOST_SAMPLES,
+    MetalFinder,
+    Shadows,
+    smoothed,
+)
 from sawmill_tomography.statistics import robust_deviation
 from sawmill_vocabulary import Handedness, Scanner
 from sawmill_vocabulary.messages import Reason
@@ -24,17 +32,8 @@ from sawmill_vocabulary.scan_messages import AdjustmentMessage
 
 Samples = NDArray[np.bool_]
 
-# Cells left out next to the metal's shadow: up to MOST_MARGIN more on each side while the mean residual in the next
-# cells is above MARGIN_DEVIATIONS standard deviations of the mean.
-MOST_MARGIN, MARGIN_DEVIATIONS = 8, 3.0
-# Largest radius of the searched disc. No saw takes so large a log, so the position of a
-# phantom farther out is wrong (tests/calibration/test_absurd_values.py).
-LARGEST_RADIUS_MM = 2000.0
-# A body that covers a larger share of the samples is not metal in a phantom.
-MOST_SAMPLES = 0.25
-# The search is repeated, since the metal biases the first fit; it ends when fewer than the share SETTLED of the samples
-# change.
-ROUNDS, SETTLED = 3, 0.02
+# The search is repeated, since the metal biases the first fit.
+ROUNDS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,10 +60,7 @@ def find_metal(
         metal = _metal(phantom, data, fit)
         if metal is None:
             break
-        settled = result is not None and (result.samples ^ metal.samples).sum() < SETTLED * metal.samples.sum()
         result = metal
-        if settled:
-            break
         weighted = replace(data, weights=np.where(metal.samples, 0.0, 1.0 if data.weights is None else data.weights))
         again = refine(phantom, weighted, fit.frame, position_mm=fit.position_mm, on_step=on_step)
         if again is None:
@@ -79,8 +75,11 @@ def _metal(phantom: Phantom, data: SinogramData, fit: Fit) -> PhantomMetal | Non
     distance_mm, cells = fit.frame.source_distance_mm, data.cells
     # A scanner whose source is that far away takes any frame: its theta has no source shift.
     scanner = Scanner(distance_mm, cells.count, cells.width_mm, (), cells.arc_radius_mm, cells.waves_mm)
-    fan = FanBeamGeometry(scanner, fit.frame.theta(distance_mm), data.angles_rad)
-    finder = MetalFinder.of(fan, radius_mm) if radius_mm <= LARGEST_RADIUS_MM else None
+    try:
+        fan = FanBeamGeometry(scanner, fit.frame.theta(distance_mm), data.angles_rad)
+    except GeometryError:  # no scanner has a frame to which this fit diverged: it shows no metal
+        return None
+    finder = MetalFinder.of(fan, radius_mm)
     if finder is None:
         return None
     residual = _residual(phantom, data, fit)
@@ -91,10 +90,10 @@ def _metal(phantom: Phantom, data: SinogramData, fit: Fit) -> PhantomMetal | Non
     if not body.any():
         return None
     samples: Samples = finder.traced(shadows, body)
-    for _ in range(MOST_MARGIN):  # neighbours that metal blurs into
+    while True:  # neighbours that metal blurs into
         wider = scipy.ndimage.maximum_filter1d(samples, 3, axis=1)
         edge = residual[wider & ~samples]
-        if edge.size == 0 or edge.mean() < MARGIN_DEVIATIONS * edge.std() / math.sqrt(edge.size):
+        if edge.size == 0 or edge.mean() < CHANCE * edge.std() / math.sqrt(edge.size):
             break
         samples = wider
     if samples.mean() > MOST_SAMPLES:

@@ -6,34 +6,25 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from sawmill_tomography.calibration.covariance import CHANCE
 from sawmill_tomography.calibration.joint_fit.finding import AdjustedFit, EffectFinding
 from sawmill_tomography.calibration.joint_fit.normal_equations import ViewGrams
 from sawmill_tomography.calibration.joint_fit.structure import SHADOW
+from sawmill_tomography.calibration.sinogram_data import FEW_VIEWS
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.statistics import robust_deviation
 from sawmill_vocabulary import Adjustment
 from sawmill_vocabulary.scan_messages import AdjustmentMessage
 
-# A residual of more robust standard deviations makes a sample lose weight.
-OUTLIER = 4.0
-# Outliers are reweighted when they have this share of the residual's power.
-OUTLIER_POWER = 0.25
-# Outliers are a fault of the scan, and not a model error, when most of their power (FAULT_SHARE) lies in cells, or in
-# views, with more than the share WHOLE of outlying samples (tests/tomography/calibration/test_adjust.py).
-WHOLE, FAULT_SHARE = 0.2, 0.7
-# The fit is repeated, since outliers bias the first fit.
-ROUNDS = 2
+# Outliers are a fault of the scan, and not a model error, when most of their power lies in cells, or in views, with
+# more than this share of outlying samples (tests/tomography/calibration/test_adjust.py).
+WHOLE = 0.2
 
 
 def _adjust(plain: AdjustedFit) -> AdjustedFit:
-    current = plain
-    for _ in range(ROUNDS):
-        weighted = with_less_weight(current, plain, current.data.sinogram - current.model)
-        again = None if weighted is plain else plain.refitted(weighted.data, current.fit)
-        if again is None:
-            break
-        current = replace(weighted, fit=again)
-    return current
+    weighted = with_less_weight(plain, plain, plain.data.sinogram - plain.model)
+    again = None if weighted is plain else plain.refitted(weighted.data, plain.fit)
+    return plain if again is None else replace(weighted, fit=again)
 
 
 def with_less_weight(current: AdjustedFit, plain: AdjustedFit, residual: FloatArray) -> AdjustedFit:
@@ -46,10 +37,10 @@ def with_less_weight(current: AdjustedFit, plain: AdjustedFit, residual: FloatAr
     deviation = robust_deviation(shadowed - np.median(shadowed)) if shadowed.size else 0.0
     deviation = max(deviation, phantom.size_tolerance * depth)
     size, power = np.abs(residual) / (deviation or np.inf), used * residual**2
-    outlying = size > OUTLIER
-    if power[outlying].sum() < OUTLIER_POWER * power.sum() or not _is_a_fault(power * outlying, outlying):
+    outlying = size > CHANCE
+    if not _is_a_fault(power * outlying, outlying):
         return plain
-    weights = used * np.divide(OUTLIER, size, out=np.ones_like(size), where=outlying) ** 2
+    weights = used * np.divide(CHANCE, size, out=np.ones_like(size), where=outlying) ** 2
     share_percent = 100.0 * float(outlying[used > 0.0].mean())
     data = replace(plain.data, weights=weights)
     return plain.after(data, plain.fit, AdjustmentMessage.OUTLIERS(share_percent=share_percent))
@@ -58,16 +49,16 @@ def with_less_weight(current: AdjustedFit, plain: AdjustedFit, residual: FloatAr
 def _is_a_fault(power: FloatArray, outlying: NDArray[np.bool_]) -> bool:
     """Return whether outliers are whole cells or whole views, as with faults; otherwise the model is wrong."""
     cells = power[:, outlying.mean(axis=0) > WHOLE].sum()
-    return bool(max(cells, power[outlying.mean(axis=1) > WHOLE].sum()) > FAULT_SHARE * power.sum())
+    return bool(2.0 * max(cells, power[outlying.mean(axis=1) > WHOLE].sum()) > power.sum())
 
 
 OUTLIERS = EffectFinding(Adjustment.OUTLIERS, _adjust)
 
 
 # A view is inconsistent when its neighbouring cells share more than INCONSISTENT times the views' residual power
-# (median), if at most the share MOST_VIEWS of the views does. An error of a drawing shows in all views, and at most
+# (median), if at most the share FEW_VIEWS of the views does. An error of a drawing shows in all views, and at most
 # three times as strongly in some (benchmarks/misspecified.py at 3ab7f653).
-INCONSISTENT, MOST_VIEWS = 3.0, 0.1
+INCONSISTENT = 3.0
 # Neighbouring cells must also share more than this share of the sinogram, as RMS: a model that is finer than the scan
 # leaves less, unequally in the views.
 LEAST = 0.01
@@ -82,7 +73,7 @@ def inconsistent_views(residual: FloatArray, sinogram: FloatArray, weights: Floa
         return np.zeros(len(residual), bool)
     least = max(INCONSISTENT * float(np.median(power[power > 0.0])), residual.shape[1] * (LEAST * sinogram.std()) ** 2)
     inconsistent: NDArray[np.bool_] = shared > least
-    return inconsistent if inconsistent.sum() <= MOST_VIEWS * len(inconsistent) else np.zeros_like(inconsistent)
+    return inconsistent if inconsistent.sum() <= FEW_VIEWS * len(inconsistent) else np.zeros_like(inconsistent)
 
 
 def without_views(adjusted: AdjustedFit, views: NDArray[np.bool_]) -> AdjustedFit | None:
@@ -93,15 +84,15 @@ def without_views(adjusted: AdjustedFit, views: NDArray[np.bool_]) -> AdjustedFi
     return None if again is None else replace(adjusted, data=remaining, fit=again)
 
 
-# Gains of each view are fitted when they explain more than chance by DEVIATIONS standard deviations, and more than the
-# share LEAST_SHARE of the structured residual.
-DEVIATIONS, LEAST_SHARE = 8.0, 0.5
+# What each view may have of its own, as a gain or a turn, is fitted when it explains more than chance by this number of
+# standard deviations.
+BY_FAR = 8.0
 
 
 def views_differ(grams: ViewGrams) -> bool:
-    """Return whether a gain and an offset of each view explain far more than chance."""
+    """Return whether a gain and an offset of each view explain far more than chance, most of what is structured."""
     explained, views = grams.gain_evidence()
     unknowns = 2.0 * views
     variance = (grams.power - explained) / max(grams.samples - unknowns, 1.0)
-    chance = unknowns + DEVIATIONS * math.sqrt(2.0 * unknowns)
-    return explained > chance * variance and explained - unknowns * variance > LEAST_SHARE * grams.structured
+    chance = unknowns + BY_FAR * math.sqrt(2.0 * unknowns)
+    return explained > chance * variance and 2.0 * (explained - unknowns * variance) > grams.structured

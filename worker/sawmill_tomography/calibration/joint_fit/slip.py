@@ -8,20 +8,20 @@ import numpy as np
 from sawmill_tomography.calibration.covariance import scaled_inverse
 from sawmill_tomography.calibration.joint_fit.effects import Effect, in_the_laboratory
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column, System
+from sawmill_tomography.calibration.joint_fit.outliers import BY_FAR
 from sawmill_tomography.calibration.joint_fit.scan_model import POSE, ScanModel, Term
 from sawmill_tomography.geometry.geometry import FloatArray
+from sawmill_tomography.statistics import robust_deviation
 from sawmill_vocabulary import Adjustment
 from sawmill_vocabulary.messages import Reason
 from sawmill_vocabulary.scan_messages import EffectMessage
 
-# A slip needs at least FEWEST_VIEWS views, and the share SHARE_OF_VIEWS of all views, before and after.
-FEWEST_VIEWS, SHARE_OF_VIEWS = 3, 1 / 24
+# A slip needs at least as many views as it has unknowns, and this share of all views, before and after.
+SHARE_OF_VIEWS = 1 / 24
 # The number of views at which a slip that the scan hides may lie: a small one is not placed more precisely.
 PLACES = 8
 # A slip is a jump of the angles when the phantom's shift is less than this share of the turn at the phantom's rim.
 TURN_ALONE = 0.1
-# A larger jump of source, turntable or detector, mm, leaves no one geometry to report.
-LARGEST_JUMP_MM = 2.0
 
 
 def slip_at(view: int) -> Effect:
@@ -52,7 +52,6 @@ def jump_at(view: int) -> Effect:
         Adjustment.SLIP,
         columns,
         lambda _, sizes: EffectMessage.SCANNER_JUMP(view=view, jump_mm=math.hypot(*sizes)),
-        possible=lambda _, sizes: math.hypot(*sizes) <= LARGEST_JUMP_MM,
     )
 
 
@@ -64,7 +63,7 @@ def places_of_slips(views: int) -> list[int]:
 
 def fewest(views: int) -> int:
     """Return the least number of views before and after a slip, and between two."""
-    return max(FEWEST_VIEWS, round(SHARE_OF_VIEWS * views))
+    return max(len(POSE), round(SHARE_OF_VIEWS * views))
 
 
 def likeliest_slip(columns: Sequence[Column], grams: FloatArray, scores: FloatArray) -> int | None:
@@ -88,22 +87,19 @@ def likeliest_slip(columns: Sequence[Column], grams: FloatArray, scores: FloatAr
     return least + int(np.einsum("nt,nt->n", after, solved).argmax())
 
 
-# Noise does not explain the scatter when it is larger by DEVIATIONS standard deviations, with FEWEST_JITTER_VIEWS. An
-# error of the model does not explain the scatter when neighbouring views share less than the share SHARED of it, u_c
-# scatters independently by less than the share COLUMN, the median view has more than the share IN_MOST, and the scatter
-# explains more than the share EXPLAINED of the structured residual.
-MEDIAN_OF_CHI_SQUARED, IN_MOST, EXPLAINED = 0.455, 0.3, 0.4
-DEVIATIONS, FEWEST_JITTER_VIEWS, SHARED, COLUMN = 8.0, 20, 0.3, 0.1
-
-
 def angle_scatter(system: System, change: FloatArray, variance: float) -> float:
-    """Estimate the variance of the views' angles, rad^2; 0 where noise or a wrong model explains the scores."""
+    """Estimate the variance of the views' angles, rad^2; 0 where noise or a wrong model explains the scores.
+
+    Noise does not explain the scatter when it is larger by `BY_FAR` standard deviations. An error of the model does not
+    explain the scatter when neighbouring views share less than half of it, u_c scatters independently by less than
+    half, the median view has more than half, and the scatter explains most of the structured residual.
+    """
     places = [next(i for i, c in enumerate(system.columns) if c.term is term) for term in (Term.PSI, Term.U_C)]
     psi, u_c = 0, 1
     grams, scores = system.of_views(np.eye(len(change))[:, places], change)
     own = grams[:, psi, psi]
     seen = own > 1e-9 * own.max()
-    if seen.sum() < FEWEST_JITTER_VIEWS or variance <= 0.0:
+    if not seen.any() or variance <= 0.0:
         return 0.0
     own, cross, score = own[seen], grams[seen, psi, u_c], scores[seen, psi]
     unit = score / np.sqrt(own * variance)
@@ -114,14 +110,14 @@ def angle_scatter(system: System, change: FloatArray, variance: float) -> float:
     apart = np.maximum(along - cross**2 / own, np.finfo(np.float64).eps * along.max())
     column_excess = float((remaining**2 / (apart * variance) - 1.0).sum())
     # Where a model is finer than the scan, one view with an edge along the rays may have most of the scatter.
-    usual = float(np.median(unit**2)) / MEDIAN_OF_CHI_SQUARED - 1.0
-    chance = DEVIATIONS * math.sqrt(2.0 * unit.size)
+    usual = robust_deviation(unit) ** 2 - 1.0
+    chance = BY_FAR * math.sqrt(2.0 * unit.size)
     if (
         excess < chance
-        or excess * variance < EXPLAINED * (system.structured - float(change @ system.score))
-        or usual * unit.size < IN_MOST * excess
-        or abs(float((unit[1:] * unit[:-1]).sum())) > SHARED * excess
-        or column_excess > max(COLUMN * excess, 0.5 * chance)
+        or 2.0 * excess * variance < system.structured - float(change @ system.score)
+        or 2.0 * usual * unit.size < excess
+        or 2.0 * abs(float((unit[1:] * unit[:-1]).sum())) > excess
+        or 2.0 * column_excess > max(excess, chance)
     ):
         return 0.0
     return float((score**2 - own * variance).sum() / (own**2).sum())

@@ -8,25 +8,24 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from sawmill_tomography.calibration.covariance import CHANCE
+from sawmill_tomography.calibration.sinogram_data import FEW_VIEWS
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.statistics import few_with_most, robust_deviation
 
 # Cells are wrong in all views when what all views leave in the same cells exceeds this share of the sinogram. A scan of
 # cells in their order leaves at most 0.012 (benchmarks/families.py, benchmarks/measured.py).
 STANDING = 0.05
-# Views are to blame when the share FEW_VIEWS of them has the share MOST_POWER of the residual's power, over the whole
-# view: a view's mean square root of the residual, which a few strong cells do not dominate, is squared and must exceed
-# the median view's by the factor ALL_OVER.
-FEW_VIEWS, MOST_POWER, ALL_OVER = 0.05, 0.5, 2.0
-# A kink of the shadow has a second difference above the share KINK of the shadow's depth; KINK_CELLS on either side
-# belong to the kink.
-KINK, KINK_CELLS = 0.005, 2
+# Views are to blame when the share FEW_VIEWS of them has most of the residual's power, over the whole view: a view's
+# mean square root of the residual, which a few strong cells do not dominate, is squared and must exceed the median
+# view's by the factor ALL_OVER.
+ALL_OVER = 2.0
+# A kink of the shadow has a second difference above this share of the shadow's depth.
+KINK = 0.005
 # Edges are to blame when a cell at an edge has this multiple of the power of a cell elsewhere in the shadow.
 EDGES_STAND_OUT = 3.0
-# A mean of products is noise up to this number of standard deviations of the mean.
-CHANCE = 4.0
-# Another body shades the air when the share SHADED of the samples next to the shadow is darker than DARK deviations.
-DARK, SHADED = 6.0, 0.02
+# Another body shades the air when more than this share of the samples next to the shadow is darker than by chance.
+SHADED = 0.02
 # The least depth of the shadow proper, as a share of the largest.
 SHADOW = 0.02
 
@@ -90,7 +89,7 @@ def _place(residual: FloatArray, model: FloatArray, shared: float) -> ResidualPl
     # Power that all views have in a cell and not in the next cell; the mean over the views leaves some of the noise.
     cells = residual.mean(axis=0)
     unequal = 0.5 * float((np.diff(cells) ** 2).mean()) - (float(power.mean()) - shared) / len(residual)
-    if unequal > MOST_POWER * shared:
+    if 2.0 * unequal > shared:
         return ResidualPlace.CELLS
     if (worst := few_with_most(power.sum(axis=1), FEW_VIEWS)).size:
         level = np.sqrt(np.abs(residual)).mean(axis=1) ** 2
@@ -100,11 +99,7 @@ def _place(residual: FloatArray, model: FloatArray, shared: float) -> ResidualPl
     bent = -2.0 * model
     bent[:, 1:] += model[:, :-1]
     bent[:, :-1] += model[:, 1:]
-    kinks = np.abs(bent) > KINK * depth
-    at_edges = kinks.copy()
-    for away in range(1, KINK_CELLS + 1):
-        at_edges[:, away:] |= kinks[:, :-away]
-        at_edges[:, :-away] |= kinks[:, away:]
+    at_edges = np.abs(bent) > KINK * depth
     if _shades_air(residual, (model <= model.min() + SHADOW * depth) & ~at_edges):
         return ResidualPlace.BESIDE
     in_shadow = (model > model.min() + SHADOW * depth) & ~at_edges
@@ -120,7 +115,7 @@ def _shades_air(residual: FloatArray, air: NDArray[np.bool_]) -> bool:
     beside = residual[air]
     if beside.size == 0:
         return False
-    strong = DARK * robust_deviation(beside)
+    strong = CHANCE * robust_deviation(beside)
     darker, brighter = float((beside > strong).mean()), float((beside < -strong).mean())
     return strong > 0.0 and darker - brighter > SHADED
 

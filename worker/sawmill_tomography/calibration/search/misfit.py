@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_tomography.calibration.search._search_numba import best_turn
+from sawmill_tomography.calibration.sinogram_data import FEW_VIEWS
 from sawmill_tomography.calibration.task import PoseHypothesis
 from sawmill_tomography.geometry.geometry import (
     TAU,
@@ -40,7 +41,7 @@ COARSE_VIEWS = 40
 COARSE_CELLS = 64
 # Ranges without bounds: source shifts up to 0.6 r_S, and all magnifications that a scanner may have.
 WIDEST_SHIFT = math.hypot(1.0, 0.6)
-MAGNIFICATIONS = (1.02, 6.0)
+LARGEST_MAGNIFICATION = 10.0
 
 
 @dataclass(frozen=True)
@@ -131,7 +132,8 @@ def search_box(scanner: Scanner, bounds: ThetaBounds | None, phantom: Phantom) -
     half = 0.5 * scanner.num_detector_pixels * scanner.detector_pitch_mm
     r_s = scanner.source_to_cor_mm
     if bounds is None:
-        return np.array([(r_s, WIDEST_SHIFT * r_s), np.log(MAGNIFICATIONS), (-half, half), (-WIDEST_TILT, WIDEST_TILT)])
+        magnified = (0.0, math.log(LARGEST_MAGNIFICATION))
+        return np.array([(r_s, WIDEST_SHIFT * r_s), magnified, (-half, half), (-WIDEST_TILT, WIDEST_TILT)])
     rows = []
     grid = [np.linspace(low, high, 13) for low, high in bounds_array(bounds)[1:]]
     for vector in product(*grid):
@@ -153,15 +155,15 @@ def search_box(scanner: Scanner, bounds: ThetaBounds | None, phantom: Phantom) -
 DISTANCES, TILTS = 2, 9
 # The largest tilt of a guess; least squares may exceed this tilt.
 WIDEST_TILT = 1.2
-# A cell belongs to the shadow where the strongest twentieth of the views reaches this share of the deepest shadow.
-SHADOW_LEVEL, STRONGEST = 0.06, 0.05
+# A cell belongs to the shadow where the strongest of few views reach this share of the deepest shadow.
+SHADOW_LEVEL = 0.06
 
 
 def shadow_extent(sinogram: FloatArray, cells: DetectorCells) -> tuple[float, float] | None:
     """Find where the shadow of all views together begins and ends on the detector, mm; None without a shadow."""
     low, high = np.percentile(sinogram, [2.0, 99.5])
     air = float(np.median(sinogram[sinogram <= low + 0.1 * (high - low)]))
-    strongest = max(1, round(STRONGEST * len(sinogram)))
+    strongest = max(1, round(FEW_VIEWS * len(sinogram)))
     depth = np.sort(sinogram, axis=0)[-strongest:].mean(axis=0) - air
     covered = np.flatnonzero(depth > SHADOW_LEVEL * (high - air))
     if covered.size == 0:

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sawmill_tomography.calibration.alternatives import CONTENDER
 from sawmill_tomography.calibration.fit import Fit, OnStep, ignore_progress, refine
 from sawmill_tomography.calibration.refusals import CalibrationError
 from sawmill_tomography.calibration.search.misfit import (
@@ -28,10 +27,8 @@ from sawmill_vocabulary import Handedness
 # added, in rounds of these sizes.
 EXPLAINED = 0.05
 RANDOM_GUESSES = (64, 256)
-# Number of guesses of each hypothesis that are fitted, and iterations of each fit: the fit to all the data does the
-# rest.
+# Number of guesses of each hypothesis that are fitted.
 GUESSES_FITTED = 2
-COARSE_ITERATIONS = 20
 
 # Receives the round of the search, the largest number of rounds, and the least relative residual so far.
 SearchCallback = Callable[[int, int, float], None]
@@ -144,7 +141,7 @@ def _improve(
         # After a fit explains the scan, one guess of each other hypothesis is enough.
         if hypothesis in fits and _least(fits.values()) < EXPLAINED:
             continue
-        fit = _coarse_fit(misfit, hypothesis, candidate.frame, (0.0, 0.0), fits.values(), on_step)
+        fit = _coarse_fit(misfit, hypothesis, candidate.frame, (0.0, 0.0), on_step)
         before = fits.get(hypothesis)
         if fit is not None and (before is None or fit.relative_residual < before.relative_residual):
             fits[hypothesis] = fit
@@ -160,18 +157,14 @@ def _coarse_fit(
     hypothesis: PoseHypothesis,
     start: SourceFrame,
     position_mm: tuple[float, float],
-    fits: Collection[Fit],
     on_step: OnStep,
 ) -> Fit | None:
-    """Fit a guess to the coarse sinogram, as long as the guess may compete with the best of these fits."""
-    least = _least(fits)
+    """Fit a guess to the coarse sinogram."""
     return refine(
         misfit.phantoms[hypothesis.handedness],
         SinogramData(misfit.sinogram, hypothesis.rotation.apply(misfit.angles_rad), misfit.cells),
         start,
         position_mm=position_mm,
-        max_iterations=COARSE_ITERATIONS,
-        hopeless=CONTENDER * least if least < EXPLAINED else math.inf,
         on_step=on_step,
     )
 
@@ -187,7 +180,7 @@ def _with_ambiguous_poses(
     fit = coarse[best]
     for handedness, frame, position in ambiguous_poses(misfit, best, fit.frame, fit.position_mm):
         hypothesis = PoseHypothesis(handedness, best.rotation)
-        other = _coarse_fit(misfit, hypothesis, frame, position, [fit], on_step)
+        other = _coarse_fit(misfit, hypothesis, frame, position, on_step)
         if other is not None:
             rivals = fits.setdefault(hypothesis, [])
             rivals.append(other)
@@ -195,11 +188,8 @@ def _with_ambiguous_poses(
     return fits
 
 
-# Peaks of the correlation over the first angle that are fitted; a peak within 10 degrees of the fit is the fit itself.
+# Peaks of the correlation over the first angle that are fitted.
 PEAKS = 4
-OWN_PEAK = math.radians(10.0)
-# This number of the coarse views shows where the peaks are.
-VIEWS = 20
 
 # The handedness, the geometry with the turned first angle, and the phantom's position (x, y) in mm.
 Pose = tuple[Handedness, SourceFrame, tuple[float, float]]
@@ -212,9 +202,8 @@ def ambiguous_poses(
 
     In each pose the centroid stays at its place in the fit, which `at` and `position_mm` give.
     """
-    some = slice(None, None, max(1, len(misfit.angles_rad) // VIEWS))
-    angles, turns = hypothesis.rotation.apply(misfit.angles_rad)[some], misfit.table_rad[::2]
-    data = misfit.sinogram[some].ravel() - misfit.sinogram[some].mean()
+    angles, turns = hypothesis.rotation.apply(misfit.angles_rad), misfit.table_rad[::2]
+    data = misfit.sinogram.ravel() - misfit.sinogram.mean()
     centroid = complex(*misfit.phantoms[hypothesis.handedness].centroid_mm) + complex(*position_mm)
     poses: list[Pose] = []
     for other, phantom in misfit.phantoms.items():
@@ -234,7 +223,7 @@ def ambiguous_poses(
         )
         peak = (correlation > np.roll(correlation, 1)) & (correlation >= np.roll(correlation, -1))
         if other is hypothesis.handedness:
-            peak &= np.abs(np.angle(np.exp(1j * turns))) > OWN_PEAK
+            peak[0] = False  # the fit itself
         for index in sorted(np.flatnonzero(peak), key=lambda index: -correlation[index])[:PEAKS]:
             frame = replace(at, psi_rad=wrap_angle(at.psi_rad + float(turns[index])))
             poses.append((other, frame, (places[index].real, places[index].imag)))
