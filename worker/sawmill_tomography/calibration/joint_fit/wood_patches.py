@@ -76,6 +76,8 @@ def _clipped(corners: FloatArray, low: FloatArray, high: FloatArray) -> FloatArr
 DEVIATIONS = np.geomspace(1e-3, 0.2, 60)
 # Eigenvalues below this share of the largest are combinations of patches that the scan does not show.
 SINGULAR = 1e-9
+# Deviations whose likelihood is less by this, twice its logarithm, are excluded: one-sided 95 %.
+EXCLUDED = 2.71
 
 
 @dataclass(frozen=True)
@@ -84,6 +86,7 @@ class Variation:
 
     deviation: float  # standard deviation, as a share of the wood's density
     likelihood: float  # twice the logarithm of the likelihood ratio against wood of one density
+    largest: float  # the largest standard deviation that is not excluded
 
 
 def variation(normal: FloatArray, score: FloatArray, noise: float) -> Variation:
@@ -93,14 +96,15 @@ def variation(normal: FloatArray, score: FloatArray, noise: float) -> Variation:
     columns of the fit.
     """
     if noise <= 0.0:
-        return Variation(float(DEVIATIONS[0]), 0.0)
+        return Variation(float(DEVIATIONS[0]), 0.0, float(DEVIATIONS[0]))
     values, vectors = np.linalg.eigh(normal)
     kept = values > SINGULAR * values[-1]
     values, seen = values[kept], vectors[:, kept].T @ score
     expected = noise * values + np.concatenate([[0.0], DEVIATIONS])[:, None] ** 2 * values**2
     uniform, *misfits = (np.log(expected) + seen**2 / expected).sum(axis=1).tolist()
     best = int(np.argmin(misfits))
-    return Variation(float(DEVIATIONS[best]), uniform - misfits[best])
+    largest = DEVIATIONS[np.array(misfits) < misfits[best] + EXCLUDED].max()
+    return Variation(float(DEVIATIONS[best]), uniform - misfits[best], float(largest))
 
 
 ARC_POINTS = 7
