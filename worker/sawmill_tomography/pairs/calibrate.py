@@ -128,7 +128,7 @@ def _check(task: PairsTask) -> None:
     for number, one in enumerate(task.data, 1):
         if (cells := one.lines.shape[-1]) < 2 * COARSE:
             raise GeometryError(f"pair {number} has {cells} cells, and at least {2 * COARSE} are needed")
-        if np.ptp(one.binned(COARSE).lines, axis=-1).min() <= LEAST_SHADOW * robust_deviation(np.diff(one.lines)):
+        if not np.ptp(one.binned(COARSE).lines, axis=-1).min() > LEAST_SHADOW * robust_deviation(np.diff(one.lines)):
             raise GeometryError(f"pair {number} sees nothing of the board in one of its passages")
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.phantoms.phantom import Disc, Phantom, Polygon, Shape, cornered, counter_clockwise, signed_area
+from sawmill_tomography.statistics import exceeded_chi_square
 
 # About this number of patches have the wood's area together (benchmarks/families.py), and none has a shorter side.
 PATCHES, SHORTEST_MM = 130, 6.0
@@ -76,8 +77,6 @@ def _clipped(corners: FloatArray, low: FloatArray, high: FloatArray) -> FloatArr
 DEVIATIONS = np.geomspace(1e-3, 0.2, 60)
 # Eigenvalues below this share of the largest are combinations of patches that the scan does not show.
 SINGULAR = 1e-9
-# Deviations whose likelihood is less by this, twice its logarithm, are excluded: one-sided 95 %.
-EXCLUDED = 2.71
 
 
 @dataclass(frozen=True)
@@ -86,7 +85,7 @@ class Variation:
 
     deviation: float  # standard deviation, as a share of the wood's density
     likelihood: float  # twice the logarithm of the likelihood ratio against wood of one density
-    largest: float  # the largest standard deviation that is not excluded
+    largest: float  # the largest standard deviation that is not excluded with 95 %, by the likelihood ratio
 
 
 def variation(normal: FloatArray, score: FloatArray, noise: float) -> Variation:
@@ -103,7 +102,7 @@ def variation(normal: FloatArray, score: FloatArray, noise: float) -> Variation:
     expected = noise * values + np.concatenate([[0.0], DEVIATIONS])[:, None] ** 2 * values**2
     uniform, *misfits = (np.log(expected) + seen**2 / expected).sum(axis=1).tolist()
     best = int(np.argmin(misfits))
-    largest = DEVIATIONS[np.array(misfits) < misfits[best] + EXCLUDED].max()
+    largest = DEVIATIONS[np.array(misfits) < misfits[best] + exceeded_chi_square(2 * 0.05, 1)].max()
     return Variation(float(DEVIATIONS[best]), uniform - misfits[best], float(largest))
 
 
