@@ -398,7 +398,11 @@ class FineFit:
                 # Scatter and hardening are not linear: a part of a long step may lower what the whole step does not.
                 for part in PARTS:
                     there = self.x + part * step
-                    after = self.power(there) if possible(self.board, self._placed(there)) else math.inf
+                    after = (
+                        self.power(there)
+                        if possible(with_corners(self.board, there[self.layout.part(CORNERS)]), self._placed(there))
+                        else math.inf
+                    )
                     if after < before:
                         break
                 if after < before:
