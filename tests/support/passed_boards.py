@@ -67,10 +67,9 @@ def passed_board(kind: str, pairs: int, count: int, seed: int, *of_pairs: dict[s
     rng = np.random.default_rng(seed)
     physics, corners_mm, slopes = KINDS[kind]
     scanner, true = machine(pairs, rng)
-    changes = of_pairs or [dict[str, Any]()] * pairs
     fewer = {"num_detector_pixels": 384, "detector_pitch_mm": 2.4}
-    changed = [replace(pair, **fewer, **change) for pair, change in zip(scanner.pairs, changes, strict=True)]
-    scanner = PairedScanner(tuple(changed))
+    each = zip(scanner.pairs, of_pairs or [dict[str, Any]()] * pairs, strict=True)
+    scanner = PairedScanner(tuple(replace(pair, **fewer, **change) for pair, change in each))
     (drawing, made), lies = body(corners_mm, rng), passages(count, slopes, rng)
     about = {"rows": ROWS, "row_pitch_mm": ROW_PITCH_MM, "photons": PHOTONS, "seed": seed}
     passed = simulate_passages(made, scanner, true, lies, physics, **about)

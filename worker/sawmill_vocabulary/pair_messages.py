@@ -23,6 +23,12 @@ class PairMessage(Message):
         _ROLL,
         N_("Its rolls differ by %(apart_deg).0f degrees; the second passage then adds little."),
     )
+    SWINGS = (
+        "pairs-swings",
+        N_("The board rolled or swung by about %(swing_mm).2f mm while it was fed."),
+        N_("Fasten the board so that it cannot move on the feed, and pass it again in all rolls."),
+        N_("In each passage it lies elsewhere for each pair; what is alike in all passages does not show."),
+    )
     NO_FIT = (
         "pairs-no-fit",
         N_("The passages do not fit this drawing: %(left_percent).1f %% of the shadow is left."),

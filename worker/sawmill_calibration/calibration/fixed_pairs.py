@@ -223,8 +223,7 @@ def _data_of(files: Sequence[_PassageFile], pair: FixedPair, *, begins: bool) ->
     pitch_mm, ranges = files[0].rows.scanner.row_pitch_mm, [file.board for file in files]
     if not begins:
         ranges = [slice(max(own.start for own in ranges), min(own.stop for own in ranges))] * len(files)
-    count = min(own.stop - own.start for own in ranges)
-    if count < 1:
+    if (count := min(own.stop - own.start for own in ranges)) < 1:
         raise refused("rows-missing", "the passages show the board in rows that no two files share: begin them alike")
     stack = np.concatenate([file.stack[:, own.start :][:, :count] for file, own in zip(files, ranges, strict=True)])
     groups = GROUPS if pitch_mm is not None and count >= FEWEST * GROUPS else 1

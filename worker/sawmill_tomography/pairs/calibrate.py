@@ -8,11 +8,12 @@ from itertools import combinations
 
 import numpy as np
 
+from sawmill_tomography.calibration.joint_fit.wood_patches import Variation
 from sawmill_tomography.calibration.judgement import Degree, Remark, combined
 from sawmill_tomography.calibration.sinogram_data import counted_radius_mm
 from sawmill_tomography.geometry.geometry import TAU, FloatArray, GeometryError, SourceFrame, rotate, to_vector
 from sawmill_tomography.pairs.coarse import Nominal, Placed, likely, restarted, starts, together
-from sawmill_tomography.pairs.fine import CORNERS, FRAMES, OF_FAN, FineFit
+from sawmill_tomography.pairs.fine import CORNERS, FRAMES, OF_FAN, SWING_MM, FineFit
 from sawmill_tomography.pairs.passages import PairData, moved_frames
 from sawmill_tomography.pairs.ray_errors import PairRays, PredictedRays, rigid_motion
 from sawmill_tomography.phantoms.phantom import Phantom
@@ -36,6 +37,8 @@ LEAST_SHADOW = 5.0
 CORNER_MM = 0.3
 # The order of the cells is certain beyond this number of standard deviations; places are suspect beyond that one.
 CERTAIN, FAR = 5.0, 4.0
+# The board has moved while it was fed where twice the logarithm of the likelihood ratio is larger: by chance in 0.1 %.
+SWINGS = 10.0
 # Rolls that differ by less count as alike, degrees; a share of the shadow above this is no fit.
 ALIKE_DEG, NO_FIT = 15.0, 0.05
 # Where a start leaves more of the shadow, the board's other side is tried; it is right where it leaves half as much.
@@ -106,38 +109,33 @@ def calibrate_pairs(task: PairsTask, *, on_progress: ProgressCallback = lambda _
         A pair sees nothing of the board, or no start leads to a geometry in front of all sources.
     """
     _check(task)
-    board = task.board.centred()
-    nominal = _nominal(task.scanner)
+    board, nominal = task.board.centred(), _nominal(task.scanner)
     on_progress(Progress(fraction=0.05, stage="start"))
     orders, several = _ordered(board, task, nominal)
     if orders.left_share > SUSPECT:
         other, _ = _ordered(board.mirrored(), task, nominal)
         orders = replace(orders, other_share=other.left_share)
-    data = _in_order(task.data, orders.reversed)
     on_progress(Progress(fraction=0.3, stage="fit"))
-    fit, converged = _fitted(board, data, several, nominal, task, seed)
+    fit, swings, converged = _fitted(board, _in_order(task.data, orders.reversed), several, nominal, task, seed)
     on_progress(Progress(fraction=0.9, stage="bounds"))
     covariance = fit.covariance()[fit.layout.part(FRAMES), fit.layout.part(FRAMES)]
-    return _found(task, board, fit, covariance, nominal, orders, converged=converged)
+    return _found(task, board, fit, covariance, nominal, orders, swings, converged=converged)
 
 
 def _check(task: PairsTask) -> None:
     """Refuse pairs with few cells, and pairs that see nothing."""
     for number, one in enumerate(task.data, 1):
-        cells = one.lines.shape[-1]
-        if cells < 2 * COARSE:
+        if (cells := one.lines.shape[-1]) < 2 * COARSE:
             raise GeometryError(f"pair {number} has {cells} cells, and at least {2 * COARSE} are needed")
-        shadows = np.ptp(one.binned(COARSE).lines, axis=-1)
-        if not (shadows > LEAST_SHADOW * robust_deviation(np.diff(one.lines))).all():
+        if not np.ptp(one.binned(COARSE).lines, axis=-1).min() > LEAST_SHADOW * robust_deviation(np.diff(one.lines)):
             raise GeometryError(f"pair {number} sees nothing of the board in one of its passages")
 
 
 def _nominal(scanner: PairedScanner) -> Nominal:
     """Return the nominal places; what they may be off by is two standard deviations."""
     frames = np.array([to_vector(pair.frame) for pair in scanner.pairs])
-    angles = np.array([math.radians(pair.angle_within_deg) for pair in scanner.pairs])
-    places = np.array([pair.place_within_mm for pair in scanner.pairs])
-    return Nominal(frames, 0.5 * np.stack([angles, places, places, places, angles], -1))
+    within = np.array([(math.radians(pair.angle_within_deg), pair.place_within_mm) for pair in scanner.pairs])
+    return Nominal(frames, 0.5 * within[:, [0, 1, 1, 1, 0]])
 
 
 @dataclass(frozen=True)
@@ -164,7 +162,7 @@ def _ordered(board: Phantom, task: PairsTask, nominal: Nominal) -> tuple[_Orders
     for several in (1, 2):
         improved = True
         while improved:
-            others = [_flipped(best, places) for places in combinations(unknown, several)]
+            others = (_flipped(best, places) for places in combinations(unknown, several))
             here = min([best, *others], key=lambda turned: fitted(turned)[0].power)
             improved, best = here != best, here
         if several == 1 and _share_left(coarse, fitted(best)[0]) < NO_FIT:
@@ -190,7 +188,7 @@ def _share_left(data: Sequence[PairData], placed: Placed) -> float:
 
 def _fitted(
     board: Phantom, data: list[PairData], several: list[Placed], nominal: Nominal, task: PairsTask, seed: int
-) -> tuple[FineFit, bool]:
+) -> tuple[FineFit, Variation, bool]:
     """Fit all unknowns, first on some cells together, from each start that may be the right one."""
     middle, rng = [one.binned(MIDDLE) for one in data], np.random.default_rng(seed)
     fits = []
@@ -208,7 +206,8 @@ def _fitted(
     fit.let_knots_differ()
     fit.solve()
     fit.temper()
-    return fit, fit.solve()
+    fit.solve()
+    return fit, fit.let_swing(apart=len({pair.feed_offset_mm for pair in task.scanner.pairs}) > 1), fit.solve()
 
 
 def _found(
@@ -218,6 +217,7 @@ def _found(
     covariance: FloatArray,
     nominal: Nominal,
     orders: _Orders,
+    swings: Variation,
     *,
     converged: bool,
 ) -> FoundPairs:
@@ -239,9 +239,8 @@ def _found(
         )
         for number in range(len(scanners))
     )
-    corners = fit.x[fit.layout.part(CORNERS)]
-    poses = _moved_poses(fit.placed.poses, motion)
-    corners_mm = float(np.sqrt(np.mean(corners**2))) if corners.size else 0.0
+    x, y = rotate(motion[2], *fit.placed.poses[:, :2].T) + motion[:2, None]
+    corners_mm = float(np.linalg.norm(fit.x[fit.layout.part(CORNERS)])) / math.sqrt(max(fit.layout.corners, 1))
     # A board that is further off its drawing than stated is no better a ruler.
     worse = max(1.0, corners_mm / task.corner_mm)
     scale = worse * math.hypot(rays.scale_deviation(covariance), board.size_tolerance)
@@ -249,21 +248,15 @@ def _found(
         pairs,
         rays.predicted(covariance),
         100.0 * TWO_SIDED_95 * scale,
-        tuple((float(x), float(y), float(roll)) for x, y, roll in poses),
+        tuple(zip(x.tolist(), y.tolist(), np.mod(fit.placed.poses[:, 2] + motion[2], TAU).tolist(), strict=True)),
         corners_mm,
         fit.share_left(),
         radius,
         "pass",
         (),
     )
-    judgement = combined([*_remarks(task, found, nominal, orders, converged=converged)])
+    judgement = combined([*_remarks(task, found, nominal, orders, swings, converged=converged)])
     return replace(found, verdict=judgement.verdict, reasons=judgement.reasons)
-
-
-def _moved_poses(poses: FloatArray, motion: FloatArray) -> FloatArray:
-    """Return poses (passages, 3) in coordinates that are turned and shifted by a motion (3,)."""
-    x, y = rotate(motion[2], *poses[:, :2].T)
-    return np.stack([x + motion[0], y + motion[1], np.mod(poses[:, 2] + motion[2], TAU)], -1)
 
 
 def _misfits(found: FoundPairs, orders: _Orders) -> Iterator[Remark]:
@@ -277,11 +270,10 @@ def _misfits(found: FoundPairs, orders: _Orders) -> Iterator[Remark]:
 
 
 def _remarks(
-    task: PairsTask, found: FoundPairs, nominal: Nominal, orders: _Orders, *, converged: bool
+    task: PairsTask, found: FoundPairs, nominal: Nominal, orders: _Orders, swings: Variation, *, converged: bool
 ) -> Iterator[Remark]:
     """Say what is wrong or uncertain, with the verdict that follows."""
-    misfits = [*_misfits(found, orders)]
-    if misfits:
+    if misfits := [*_misfits(found, orders)]:
         yield from misfits
         return
     if not converged:
@@ -289,16 +281,7 @@ def _remarks(
     middles, rows_mm = [one.heights_mm.mean() for one in task.data], np.ptp(task.data[0].heights_mm) / OF_ROWS
     if np.ptp(middles) > max(rows_mm, OF_FAN[0]):
         yield Remark(Degree.WATCH, PairMessage.APART(apart_mm=float(np.ptp(middles)), rows_mm=float(rows_mm)))
-    if found.rays.upper_95_mm > task.tolerance_mm:
-        sizes = {"rms_mm": found.rays.rms_mm, "upper_mm": found.rays.upper_95_mm, "allowed_mm": task.tolerance_mm}
-        yield Remark(Degree.WATCH, PairMessage.ROLL_AGAIN(passages=len(found.poses), **sizes))
-        for (first, one), (second, other) in combinations(enumerate(found.poses, 1), 2):
-            apart_deg = abs(math.degrees(angle_difference(one[2], other[2])))
-            if apart_deg < ALIKE_DEG:
-                yield Remark(Degree.WATCH, PairMessage.LIES_ALIKE(first=first, second=second, apart_deg=apart_deg))
-    if found.scale_percent_95 > task.scale_tolerance_percent:
-        sizes = {"percent": found.scale_percent_95, "allowed_percent": task.scale_tolerance_percent}
-        yield Remark(Degree.WATCH, PairMessage.SCALE(**sizes))
+    yield from _imprecise(task, found, swings)
     for number, (pair, expected) in enumerate(zip(found.pairs, nominal.frames, strict=True), 1):
         if pair.order_deviations is not None and pair.order_deviations < CERTAIN:
             yield Remark(Degree.WATCH, PairMessage.ORDER_UNCERTAIN(pair=number, deviations=pair.order_deviations))
@@ -306,6 +289,20 @@ def _remarks(
             yield Remark(Degree.NOTE, PairMessage.BACKWARDS(pair=number, deviations=pair.order_deviations))
         off = to_vector(pair.frame) - expected
         off[[0, 4]] = np.angle(np.exp(1j * off[[0, 4]]))
-        farthest = float((np.abs(off) / nominal.deviations[number - 1]).max())
-        if farthest > FAR:
+        if (farthest := float((np.abs(off) / nominal.deviations[number - 1]).max())) > FAR:
             yield Remark(Degree.WATCH, PairMessage.FAR_AWAY(pair=number, deviations=farthest))
+
+
+def _imprecise(task: PairsTask, found: FoundPairs, swings: Variation) -> Iterator[Remark]:
+    """Say what makes rays or sizes too uncertain."""
+    if swings.likelihood > SWINGS:
+        yield Remark(Degree.WATCH, PairMessage.SWINGS(swing_mm=SWING_MM * swings.deviation))
+    elif found.rays.upper_95_mm > task.tolerance_mm:
+        sizes = {"rms_mm": found.rays.rms_mm, "upper_mm": found.rays.upper_95_mm, "allowed_mm": task.tolerance_mm}
+        yield Remark(Degree.WATCH, PairMessage.ROLL_AGAIN(passages=len(found.poses), **sizes))
+        for (first, one), (second, other) in combinations(enumerate(found.poses, 1), 2):
+            if (apart_deg := abs(math.degrees(angle_difference(one[2], other[2])))) < ALIKE_DEG:
+                yield Remark(Degree.WATCH, PairMessage.LIES_ALIKE(first=first, second=second, apart_deg=apart_deg))
+    if found.scale_percent_95 > task.scale_tolerance_percent:
+        sizes = {"percent": found.scale_percent_95, "allowed_percent": task.scale_tolerance_percent}
+        yield Remark(Degree.WATCH, PairMessage.SCALE(**sizes))

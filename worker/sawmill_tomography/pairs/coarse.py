@@ -68,11 +68,9 @@ def poses_alone(board: Phantom, data: Sequence[PairData], frames: FloatArray) ->
     """Find each passage's likely poses next to these places of the pairs, the best first: (power, pose (3,))."""
     passages = len(data[0].lines)
     rolls = np.tile(np.arange(ROLLS) * TAU / ROLLS, passages)
-    poses = np.zeros((rolls.size, 3))
-    poses[:, 2] = rolls
     lines = [np.repeat(one.lines[:, 0], ROLLS, axis=0) for one in data]
     middles = np.repeat(_middles(data, frames), ROLLS, axis=0)
-    poses[:, :2] = middles - np.stack(rotate(rolls, *board.centroid_mm), -1)
+    poses = np.column_stack([middles - np.stack(rotate(rolls, *board.centroid_mm), -1), rolls])
     damping = np.full(rolls.size, 1e-2)
 
     def system(at: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -85,7 +83,7 @@ def poses_alone(board: Phantom, data: Sequence[PairData], frames: FloatArray) ->
         diagonal = np.einsum("vii->vi", normal)
         damped = normal + (damping[:, None] * diagonal)[:, :, None] * np.eye(3) + 1e-12 * np.eye(3)
         step = np.linalg.solve(damped, score[..., None])[..., 0]
-        step *= np.minimum(1.0, 40.0 / np.maximum(np.hypot(step[:, 0], step[:, 1]), 1e-9))[:, None]
+        step *= np.minimum(1.0, 40.0 / np.maximum(np.hypot(*step[:, :2].T), 1e-9))[:, None]
         there = system(poses + step)
         better = there[2] < power
         poses[better] += step[better]
@@ -115,15 +113,10 @@ def _middles(data: Sequence[PairData], frames: FloatArray) -> FloatArray:
 def _distinct(power: FloatArray, poses: FloatArray) -> list[tuple[float, FloatArray]]:
     kept: list[tuple[float, FloatArray]] = []
     for number in np.argsort(power):
-        pose = poses[number]
-        if all(
-            np.hypot(*(pose - other)[:2]) > SAME_MM or abs(np.sin(0.5 * (pose - other)[2])) > SAME_RAD
-            for _, other in kept
-        ):
-            kept.append((float(power[number]), pose))
-        if len(kept) == KEPT:
-            break
-    return kept
+        off = [poses[number] - other for _, other in kept]
+        if all(np.hypot(x, y) > SAME_MM or abs(np.sin(0.5 * roll)) > SAME_RAD for x, y, roll in off):
+            kept.append((float(power[number]), poses[number]))
+    return kept[:KEPT]
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,9 +140,8 @@ def together(board: Phantom, data: Sequence[PairData], start: Placed, nominal: N
         for number, (one, frame) in enumerate(zip(data, at.frames, strict=True)):
             own, by, left = reduced_grams(board, one, frame, at.poses, one.lines[:, 0])
             power += float(left.sum())
-            of_pair = np.arange(5 * number, 5 * number + 5)
             for passage, places in enumerate(poses_at):
-                both = np.concatenate([of_pair, places])
+                both = np.append(np.arange(5 * number, 5 * number + 5), places)
                 normal[np.ix_(both, both)] += own[passage]
                 score[both] += by[passage]
         return normal, score, power
@@ -223,12 +215,10 @@ def restarted(
     board: Phantom, data: Sequence[PairData], placed: Placed, nominal: Nominal, rng: np.random.Generator
 ) -> Placed:
     """Return the best of some fits from places near this one, which a fit that stalled would leave."""
-    best = placed
+    found = [placed]
     for size in KICKS:
         frames = placed.frames + size * nominal.deviations * rng.standard_normal(placed.frames.shape)
         poses = placed.poses + size * POSE_KICK * rng.standard_normal(placed.poses.shape)
-        near = Placed(frames, poses, 0.0)
-        if possible(board, near):
-            found = together(board, data, near, nominal)
-            best = min(best, found, key=lambda each: each.power)
-    return best
+        if possible(board, near := Placed(frames, poses, 0.0)):
+            found.append(together(board, data, near, nominal))
+    return min(found, key=lambda each: each.power)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from sawmill_tomography.calibration.covariance import scaled_inverse
 from sawmill_tomography.calibration.joint_fit.sample_noise import LEAST_NOISE, sample_noise
 from sawmill_tomography.calibration.joint_fit.scan_model import LARGEST, ScanModel, Term
-from sawmill_tomography.calibration.joint_fit.wood_patches import variation, wood_patches
+from sawmill_tomography.calibration.joint_fit.wood_patches import Variation, variation, wood_patches
 from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.geometry.geometry import TAU, FloatArray
 from sawmill_tomography.pairs.coarse import Placed, possible
@@ -50,6 +50,8 @@ MOST_CORNERS = 24
 STEPS, CONVERGED, ROUGHLY, PARTS = 30, 0.1, 1e-3, (1.0, 0.5, 0.25)
 # Neighbouring cells whose residuals are compared.
 LAGS = 24
+# The unit of what the board moves while it is fed, mm at its rim: `variation` compares 0.01 to 2 mm.
+SWING_MM = 10.0
 # Standard deviations of densities of patches that do not vary, and the precision of what is held.
 LEAST_VARIATION, HELD = 1e-4, 1e14
 # Rounded corners, mm^2, and blur, cells^2, of smaller sizes are none.
@@ -72,7 +74,7 @@ class Layout:
 
     @cached_property
     def starts(self) -> FloatArray:
-        """Where frames, poses, their slopes, wood, corners, optics, views, fans and patches begin, and the end."""
+        """Where frames, poses, their slopes, wood, corners, optics, views, fans, swings, patches begin, and the end."""
         of_slopes = 3 * self.passages if self.sloped else 0
         lengths = (
             5 * self.pairs,
@@ -83,6 +85,7 @@ class Layout:
             OF_OPTICS * self.pairs,
             len(OF_VIEW) * self.pairs * self.passages,
             len(OF_FAN) * self.pairs if self.sloped else 0,
+            3 * self.pairs * self.passages,
             self.patches,
         )
         return np.cumsum([0, *lengths])
@@ -97,7 +100,7 @@ class Layout:
         return slice(int(self.starts[number]), int(self.starts[number + 1]))
 
 
-FRAMES, POSES, SLOPES, WOOD, CORNERS, OPTICS, VIEWS, FANS, PATCHES = range(9)
+FRAMES, POSES, SLOPES, WOOD, CORNERS, OPTICS, VIEWS, FANS, SWINGS, PATCHES = range(10)
 
 
 class FineFit:
@@ -130,6 +133,7 @@ class FineFit:
         deviations[self.layout.part(OPTICS)] = np.tile(of_pair, len(data))
         deviations[self.layout.part(VIEWS)] = [*OF_VIEW] * (len(data) * passages)
         deviations[self.layout.part(FANS)] = [*OF_FAN] * (len(data) if self.layout.sloped else 0)
+        deviations[self.layout.part(SWINGS)] = HELD**-0.5
         deviations[self.layout.part(PATCHES)] = LEAST_VARIATION
         self.precision = 1.0 / deviations**2
         # The first pose is the gauge.
@@ -173,7 +177,8 @@ class FineFit:
 
     def _poses(self, x: FloatArray, number: int, further_mm: float = 0.0) -> FloatArray:
         """Return the pose in each view of one pair, or further along the feed, (views, 3)."""
-        heights, poses = self.data[number].heights_mm + further_mm, self._placed(x).poses[:, None]
+        heights, swings = self.data[number].heights_mm + further_mm, x[self.layout.part(SWINGS)]
+        poses = (self._placed(x).poses + swings.reshape(self.layout.pairs, -1, 3)[number])[:, None]
         if self.layout.sloped:
             poses = poses + heights[:, None] * x[self.layout.part(SLOPES)].reshape(-1, 1, 3)
         return np.reshape(poses, (-1, 3))
@@ -289,18 +294,15 @@ class FineFit:
         def soft(rows: FloatArray) -> FloatArray:
             return through(blurring(rows))
 
-        straight = self._straight(number, model)
-        share = straight / self.longest[number]
-        steeper = np.polynomial.polynomial.polyval(share, [0.0, *self._optics(x, number)[BENT] * [2.0, 3.0, 4.0]])
+        straight, bends = self._straight(number, model), self._optics(x, number)[BENT] * [2.0, 3.0, 4.0]
+        steeper = np.polynomial.polynomial.polyval(straight / self.longest[number], [0.0, *bends])
         chain = model.gain + self.attenuation[number] * steeper
         of_passage = np.repeat(np.eye(passages), views // passages, axis=1)[:, None, :, None]
         heights = np.tile(self.data[number].heights_mm, passages)[:, None]
         pose = soft(chain * by_pose(self._poses(x, number), rows[0], rows[5:7]))
         poses = (of_passage * pose).reshape(-1, *predicted.shape)
-        rounder = replace(model, sizes={**model.sizes, Term.CORNERS: model.size(Term.CORNERS) + ROUND_STEP})
-        rounding = (rounder.lengths - model.lengths) / ROUND_STEP
-        wood = soft(chain * np.stack([rows[10], rows[11], rounding, rows[8], rows[9]]))
-        corners = soft(chain * self._moved_corners(x, model))
+        rounder = {**model.sizes, Term.CORNERS: model.size(Term.CORNERS) + ROUND_STEP}
+        rounding = (replace(model, sizes=rounder).lengths - model.lengths) / ROUND_STEP
         wider = x.copy()
         wider[layout.part(OPTICS).start + OF_OPTICS * number] += BLUR_STEP
         blurred = (self.prediction(wider, number) - predicted) / BLUR_STEP
@@ -312,10 +314,12 @@ class FineFit:
         parts = {
             FRAMES: (5 * number, soft(chain * rows[:5])),
             POSES: (0, poses),
-            WOOD: (0, wood),
-            CORNERS: (0, corners),
+            WOOD: (0, soft(chain * np.stack([rows[10], rows[11], rounding, rows[8], rows[9]]))),
+            CORNERS: (0, soft(chain * self._moved_corners(x, model))),
+            OPTICS: (OF_OPTICS * number, np.array(optics)),
+            VIEWS: (len(of_views) * number, of_views),
+            SWINGS: (len(poses) * number, poses),
         }
-        parts |= {OPTICS: (OF_OPTICS * number, np.array(optics)), VIEWS: (len(of_views) * number, of_views)}
         if layout.sloped:
             parts[SLOPES] = (0, heights * poses)
             parts[FANS] = (len(OF_FAN) * number, self.fan_columns[number])
@@ -341,23 +345,18 @@ class FineFit:
         scatter, own = self._optics(x, number)[SCATTERED], np.exp(primary)
         if not scatter.any():
             return np.asarray
-
-        def through(rows: FloatArray) -> FloatArray:
-            changed = np.tensordot(scatter, self._spread(rows / own, number), 1)
-            return np.asarray((rows - changed * own) / total)
-
-        return through
+        return lambda rows: np.asarray(
+            (rows - np.tensordot(scatter, self._spread(rows / own, number), 1) * own) / total
+        )
 
     def _blurring(self, model: ScanModel) -> Callable[[FloatArray], FloatArray]:
         """Return the map from changes of sharp line integrals to changes of blurred ones, to first order."""
         if not model.taps.size:
             return np.asarray
         before, after = (np.exp(-model.exposed), np.exp(model.blurred)) if self.from_counts else (1.0, 1.0)
-
-        def blurred(rows: FloatArray) -> FloatArray:
-            return np.asarray(scipy.ndimage.correlate1d(before * rows, model.taps, axis=-1, mode="reflect") * after)
-
-        return blurred
+        return lambda rows: np.asarray(
+            scipy.ndimage.correlate1d(before * rows, model.taps, axis=-1, mode="reflect") * after
+        )
 
     def system(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the normal matrix and the score of all unknowns, priors included."""
@@ -399,7 +398,11 @@ class FineFit:
                 # Scatter and hardening are not linear: a part of a long step may lower what the whole step does not.
                 for part in PARTS:
                     there = self.x + part * step
-                    after = self.power(there) if possible(self.board, self._placed(there)) else math.inf
+                    after = (
+                        self.power(there)
+                        if possible(with_corners(self.board, there[self.layout.part(CORNERS)]), self._placed(there))
+                        else math.inf
+                    )
                     if after < before:
                         break
                 if after < before:
@@ -414,8 +417,7 @@ class FineFit:
 
     def settle(self) -> None:
         """Fit with the board as it is drawn, then as it is."""
-        own = self.precision
-        self.precision = own.copy()
+        own, self.precision = self.precision, self.precision.copy()
         self.precision[self.layout.part(WOOD).start : self.layout.part(CORNERS).stop] = HELD
         self.solve(share=ROUGHLY)
         self.weigh()
@@ -468,12 +470,30 @@ class FineFit:
             self.patch_columns[number] = through(self.patches[number])
         self._of_densities = {}
         self.x[self.layout.part(PATCHES)] = 0.0
+        varies = variation(*self._left(self.layout.part(PATCHES)), 1.0)
+        self.precision[self.layout.part(PATCHES)] = 1.0 / max(varies.deviation, LEAST_VARIATION) ** 2
+
+    def _left(self, part: slice) -> tuple[FloatArray, FloatArray]:
+        """Return the normal matrix and the score of some unknowns, without priors, next to all others."""
         normal, score = self.system(self.x)
-        patches, others = self.layout.part(PATCHES), slice(0, self.layout.part(PATCHES).start)
-        normal[patches, patches] -= np.diag(self.precision[patches])
-        taken = normal[patches, others] @ scaled_inverse(normal[others, others])
-        left, seen = normal[patches, patches] - taken @ normal[others, patches], score[patches] - taken @ score[others]
-        self.precision[patches] = 1.0 / max(variation(left, seen, 1.0).deviation, LEAST_VARIATION) ** 2
+        others = np.delete(np.arange(self.layout.size), part)
+        normal[part, part] -= np.diag(self.precision[part])
+        score[part] += self.precision[part] * (self.x - self.held)[part]
+        taken = normal[part, others] @ scaled_inverse(normal[np.ix_(others, others)])
+        left = normal[part, part] - taken @ normal[others, part]
+        return left, score[part] - taken @ score[others] + left @ self.x[part]
+
+    def let_swing(self, *, apart: bool) -> Variation:
+        """Let each pair see the board elsewhere in each passage, in units of `SWING_MM`, as much as the scan says.
+
+        `apart`: the pairs are known to stand apart along the feed, so that it is as much as the scan does not exclude.
+        """
+        unit = np.tile(SWING_MM / np.array([1.0, 1.0, self.board.radius_mm]), self.layout.pairs * self.layout.passages)
+        left, seen = self._left(self.layout.part(SWINGS))
+        swings = variation(left * np.outer(unit, unit), seen * unit, 1.0)
+        likely = swings.largest if apart else swings.deviation
+        self.precision[self.layout.part(SWINGS)] = 1.0 / (likely * unit) ** 2
+        return swings
 
     def _sheared(self, number: int, model: ScanModel) -> FloatArray:
         """Return the change of lengths by the fan's place and slopes, and by the board's slant, (4, views, cells)."""

@@ -19,15 +19,10 @@ class PairData:
 
     def binned(self, cells: int) -> "PairData":
         """Return the means over all rows, and over groups of cells."""
-        means = self.lines.mean(axis=1, keepdims=True)
-        count = means.shape[2] // cells
-        means = means[..., : count * cells].reshape(len(means), 1, count, cells).mean(axis=3)
-        wider = replace(
-            self.cells,
-            width_mm=self.cells.width_mm * cells,
-            count=count,
-            modules=self.cells.modules if cells == 1 else (),
-        )
+        count = self.cells.count // cells
+        means = self.lines.mean(axis=1)[:, : count * cells].reshape(-1, 1, count, cells).mean(axis=3)
+        modules = self.cells.modules if cells == 1 else ()
+        wider = replace(self.cells, width_mm=self.cells.width_mm * cells, count=count, modules=modules)
         return PairData(means, self.heights_mm.mean(keepdims=True), wider)
 
     @property

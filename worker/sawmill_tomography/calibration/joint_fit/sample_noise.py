@@ -9,7 +9,7 @@ from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.statistics import DEVIATION_OF_MEDIAN
 
 # Number of levels of the model, in each of which noise is alike, and number of samples enough to measure a level's
-# noise.
+# noise, where a scan has that many for each.
 LEVELS, ENOUGH = 8, 50
 # Noise is measured on about MEASURED samples. A variance counts as at least the share LEAST_NOISE of the mean: air may
 # be free of noise.
@@ -37,7 +37,7 @@ def sample_noise(data: SinogramData, residual: FloatArray, model: FloatArray) ->
     level_means, variance = [], []
     for one in range(LEVELS):
         here = (at == one) & (steps > 0.0)
-        if np.count_nonzero(here) >= ENOUGH:
+        if np.count_nonzero(here) >= min(ENOUGH, max(1, int(np.count_nonzero(steps)) // LEVELS)):
             level_means.append(float(values[here].mean()))
             variance.append(0.5 * (DEVIATION_OF_MEDIAN * float(np.median(steps[here]))) ** 2)
     if not level_means:  # an exact scan has no noise

@@ -8,6 +8,7 @@ import numpy as np
 
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.phantoms.phantom import Disc, Phantom, Polygon, Shape, cornered, counter_clockwise, signed_area
+from sawmill_tomography.statistics import exceeded_chi_square
 
 # About this number of patches have the wood's area together (benchmarks/families.py), and none has a shorter side.
 PATCHES, SHORTEST_MM = 130, 6.0
@@ -84,6 +85,7 @@ class Variation:
 
     deviation: float  # standard deviation, as a share of the wood's density
     likelihood: float  # twice the logarithm of the likelihood ratio against wood of one density
+    largest: float  # the largest standard deviation that is not excluded with 95 %, by the likelihood ratio
 
 
 def variation(normal: FloatArray, score: FloatArray, noise: float) -> Variation:
@@ -93,14 +95,15 @@ def variation(normal: FloatArray, score: FloatArray, noise: float) -> Variation:
     columns of the fit.
     """
     if noise <= 0.0:
-        return Variation(float(DEVIATIONS[0]), 0.0)
+        return Variation(float(DEVIATIONS[0]), 0.0, float(DEVIATIONS[0]))
     values, vectors = np.linalg.eigh(normal)
     kept = values > SINGULAR * values[-1]
     values, seen = values[kept], vectors[:, kept].T @ score
     expected = noise * values + np.concatenate([[0.0], DEVIATIONS])[:, None] ** 2 * values**2
     uniform, *misfits = (np.log(expected) + seen**2 / expected).sum(axis=1).tolist()
     best = int(np.argmin(misfits))
-    return Variation(float(DEVIATIONS[best]), uniform - misfits[best])
+    largest = DEVIATIONS[np.array(misfits) < misfits[best] + exceeded_chi_square(2 * 0.05, 1)].max()
+    return Variation(float(DEVIATIONS[best]), uniform - misfits[best], float(largest))
 
 
 ARC_POINTS = 7
