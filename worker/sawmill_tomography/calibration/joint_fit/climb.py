@@ -22,8 +22,6 @@ from sawmill_tomography.geometry.geometry import FloatArray
 
 # A set of groups is left for another one that is likelier by this (logarithm).
 BETTER = 0.1
-# A climb ends after this number of changes.
-CHANGES = 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,8 +35,10 @@ class Climb:
 
     def to(self, posterior: Posterior, groups: Sequence[Group], most: int, barred: Collection[Group] = ()) -> Posterior:
         """Return the posterior after the best changes of one size at a time; at most `most` groups join."""
-        out = set(barred)
-        for _ in range(CHANGES):
+        out, been = set(barred), set[frozenset[object]]()
+        # Each group has a variance of its own: a climb may come back to where it was, and ends there.
+        while (here := frozenset([*posterior.sizes.items(), *out])) not in been:
+            been.add(here)
             changes: list[tuple[float, Group | None, float]] = [(0.0, None, 0.0)]
             likeliest = self.evidences(posterior, groups).max(axis=1).tolist() if most else []
             for each, gained in zip(groups, likeliest, strict=False):

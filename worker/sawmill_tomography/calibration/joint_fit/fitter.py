@@ -60,7 +60,7 @@ from sawmill_tomography.calibration.joint_fit.selection import (
     chance_limit,
 )
 from sawmill_tomography.calibration.joint_fit.slip import angle_scatter, jump_at, likeliest_slip, slip_at
-from sawmill_tomography.calibration.joint_fit.steps import is_small, moved, off_by, stepped
+from sawmill_tomography.calibration.joint_fit.steps import MOVED, is_small, moved, off_by, stepped
 from sawmill_tomography.calibration.joint_fit.view_poses import (
     OF_TURNING,
     PoseSizes,
@@ -87,9 +87,6 @@ OTHER_SETS = 2
 EARLY = 2
 # In fewer views modules are only hidden ones: what few views leave looks like one.
 FEWEST_VIEWS = 12
-# A fit that ends before a step is small is good enough where the next step would move the geometry by no more than
-# this many standard deviations, squared.
-TOLERABLE = 25.0
 # Effects of wood are first looked for in this number of views, and not where neighbouring cells of the residual have
 # products whose mean is within this number of standard deviations of 0.
 SCREENED_VIEWS, UNCORRELATED = 20, 1.0
@@ -345,7 +342,7 @@ class JointFitter:
         self.model = self._with_fitted_modules()
         self.last = penalised, posterior, change, grams, tried
         self.groups = groups
-        self.converged = off_by(penalised, posterior.used, change) <= TOLERABLE * self.variance
+        self.converged = off_by(penalised, posterior.used, change) <= MOVED * self.variance
         same = set(before) == set(self.fitted)
         more = self._further_modules(grams, penalised, posterior.used, first_cells_of(tried) if same else ())
         if not (same and self._dropped_places(tried)):

@@ -14,6 +14,7 @@ from sawmill_tomography.calibration.joint_fit._derivatives_numba import taken_of
 from sawmill_tomography.calibration.joint_fit.effects import Effect
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column, System, ViewGrams
 from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, gap_term, kink_term
+from sawmill_tomography.calibration.joint_fit.selection import SINGULAR
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_vocabulary import Adjustment, DetectorModule
 from sawmill_vocabulary.scan_messages import EffectMessage
@@ -22,15 +23,11 @@ from sawmill_vocabulary.scan_messages import EffectMessage
 FEWEST_CELLS = 8
 # A scan that is far from its model for other reasons would show larger gaps and kinks than any detector has.
 LARGEST_GAP_CELLS, LARGEST_KINK_RAD = 4.0, 0.07
-# A border is looked for this number of cells away from where it was found.
-REACH = 4
 # Steps of a chord at the outline's edges are not linear in a cell's place: differences of chi-square between places
 # are looked at where they are less than this factor as much as to first order, this number of cells away.
 NOT_LINEAR, LINEAR_CELLS, AWAY = 6.0, 0.2, frozenset({0, 1, 2, 3, 5, 8, 13, 21, 34, 55, 89})
 # A module that stands in for another may begin this number of cells away from it.
 NEAR = 16
-# The information about a gap or a kink that the other unknowns must leave, as a share of the whole detector's.
-LEAST_SEEN = 1e-6
 # The share of all information about u_c that cells on either side of a border must have.
 LEAST_BESIDE = 0.01
 # The number of modules that a detector is expected to have in addition to those that the scan shows
@@ -38,8 +35,8 @@ LEAST_BESIDE = 0.01
 HIDDEN = 2.0
 # Gaps (cells) and kinks (rad) of hidden modules: every order of magnitude is as likely.
 HIDDEN_GAPS_CELLS, HIDDEN_KINKS_RAD = np.geomspace(0.05, 3.0, 12), np.radians(np.geomspace(0.03, 3.0, 12))
-# Readings with a smaller likelihood are left out.
-LEAST_WEIGHT = 1e-3
+# Number of draws from what may be real instead of what was fitted; what is rarer than one draw is left out.
+DRAWS = 2048
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +81,7 @@ class ModulePlaces:
         return tuple(
             replace(self._at[cell][0], probabilities=np.array([each]))
             for cell, each in zip(cells, likelihood.tolist(), strict=True)
-            if each > LEAST_WEIGHT
+            if DRAWS * each > 1.0
         )
 
 
@@ -194,7 +191,7 @@ class ModuleSearch:
             cell = first + int(some.sum(axis=(0, 1)).argmax())
             for kind, (gap_mm, kink_rad) in enumerate(((-1.0, 0.0), (0.0, 1.0))):
                 each = some[kind].sum(axis=1)
-                kept = each > LEAST_WEIGHT / factors[kind].size
+                kept = DRAWS * factors[kind].size * each > 1.0
                 if kept.any():
                     bias = -left.moved_by[kind][:, cell]
                     yield HiddenModule(cell, gap_mm, kink_rad, bias, factors[kind][kept], each[kept])
@@ -216,7 +213,7 @@ class ModuleSearch:
         removed[others] = (
             scaled_inverse(self._normal[np.ix_(others, others)]) @ self._normal[np.ix_(others, own)] @ known
         )
-        for cell in np.flatnonzero(likelihood > LEAST_WEIGHT):
+        for cell in np.flatnonzero(DRAWS * likelihood > 1.0):
             bias = removed.copy()
             bias[others] -= gap[cell] * left.moved_by[0][:, cell] + kink[cell] * left.moved_by[1][:, cell]
             yield HiddenModule(int(cell), -gap[cell], kink[cell], bias, np.ones(1), likelihood[cell : cell + 1])
@@ -244,7 +241,8 @@ class ModuleSearch:
             -module.gap_mm,
             -module.kink_rad,
         )
-        for other in range(max(cell - REACH, 1), min(cell + REACH + 1, self._u.size)):
+        near = FEWEST_CELLS // 2
+        for other in range(max(cell - near, 1), min(cell + near + 1, self._u.size)):
             gap_mm = module.gap_mm - module.kink_rad * (self._border[other] - self._border[cell]) * self._turn[cell]
             yield HiddenModule(other, float(gap_mm), module.kink_rad, bias, np.ones(1), np.ones(1))
 
@@ -288,7 +286,7 @@ class ModuleSearch:
         of_gap, of_kink = self._of_score
         gaps, kinks, between, seen = self._alone
         gap, kink = (
-            np.where(left > LEAST_SEEN * whole[0], left, np.inf)
+            np.where(left > SINGULAR * whole[0], left, np.inf)
             for left, whole in (
                 (gaps - (by_gap * moved_by[0]).sum(axis=0), gaps),
                 (kinks - (by_kink * moved_by[1]).sum(axis=0), kinks),
@@ -365,7 +363,7 @@ class _Left:
     def of_kink_alone(self) -> FloatArray:
         """Information (cells,) about a kink that the gap leaves; infinite where both are alike."""
         share = self.between**2 / (self.gap * self.kink)
-        apart = np.isfinite(self.gap) & np.isfinite(self.kink) & (share < 1.0 - LEAST_SEEN)
+        apart = np.isfinite(self.gap) & np.isfinite(self.kink) & (share < 1.0 - SINGULAR)
         return np.asarray(np.where(apart, self.kink * (1.0 - share), np.inf))
 
 

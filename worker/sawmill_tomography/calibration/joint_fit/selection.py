@@ -20,8 +20,6 @@ FITTED, BEYOND_CHANCE = 1e-5, 0.01
 BLOCKS = (64, 32, 16, 8)
 # Eigenvalues of a normal matrix of unit diagonal below this are directions that the scan cannot distinguish.
 SINGULAR = 1e-7
-# Added to the diagonal for a view that alone determines an effect, against division by rounding errors.
-RIDGE = 1e-6
 
 
 chance_limit = cache(exceeded_chi_square)
@@ -105,5 +103,6 @@ def _scatter(scores: FloatArray, information: FloatArray, variance: float) -> fl
     views is the unit matrix.
     """
     degrees: int = scores.shape[1]
-    power = float(largest_power(scores - scores.mean(axis=0), information, 1.0 + RIDGE, BLOCKS))
+    # A view that alone determines an effect leaves nothing of the unit matrix.
+    power = float(largest_power(scores - scores.mean(axis=0), information, 1.0 + SINGULAR, BLOCKS))
     return max(1.0, power / (variance * degrees))

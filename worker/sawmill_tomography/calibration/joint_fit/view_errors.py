@@ -4,7 +4,7 @@ import numpy as np
 
 from sawmill_tomography.calibration.covariance import scaled_inverse
 from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit
-from sawmill_tomography.calibration.joint_fit.motion_sets import DRAWS
+from sawmill_tomography.calibration.joint_fit.modules import DRAWS
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column
 from sawmill_tomography.calibration.joint_fit.residual_statistics import ResidualStatistics, terms_of_rays
 from sawmill_tomography.calibration.joint_fit.scan_model import POSE
