@@ -474,7 +474,7 @@ class JointFitter:
         return system, tried, list(range(len(base)))
 
     def _of_module(self, module: DetectorModule, trials: float) -> Fitted:
-        effect = effect_of(module, self.model.data.cells.width_mm)
+        effect = effect_of(module)
         return Fitted(effect, effect.columns(self.model), trials, declined=Adjustment.MODULES in self.without)
 
     def _with_fitted_modules(self) -> ScanModel:

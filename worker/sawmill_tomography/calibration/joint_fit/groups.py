@@ -8,7 +8,7 @@ eigenvalues of what the other columns leave of the group (docs/understand/verdic
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property
+from functools import cached_property
 
 import numpy as np
 
@@ -86,6 +86,11 @@ class Prior:
     high: float
     odds: float = 0.1
 
+    @cached_property
+    def sizes(self) -> FloatArray:
+        """Sizes (SIZES,) in its range, of which each is the one before times a factor."""
+        return np.geomspace(self.low, self.high, SIZES)
+
 
 # Units: shares of the longest path's line integral, of the intensity, of the size or of the density; cells^2; mm^2; mm
 # at the phantom's rim; mm on the detector.
@@ -129,12 +134,6 @@ def unit_of(column: Column, model: ScanModel) -> float:
     return 1.0
 
 
-@cache
-def _sizes(low: float, high: float) -> FloatArray:
-    """Return `SIZES` sizes of which each is the one before times a factor."""
-    return np.geomspace(low, high, SIZES)
-
-
 @dataclass(frozen=True, eq=False)
 class Group:
     """Columns with one size."""
@@ -155,7 +154,7 @@ class Group:
         return cls(
             one,
             unit,
-            _sizes(prior.low, max(prior.high, float(np.abs(one.sizes / unit).max()))),
+            replace(prior, high=max(prior.high, float(np.abs(one.sizes / unit).max()))).sizes,
             math.log(odds / (1.0 - odds)),
             ON_DETECTOR if is_on_detector(one) else STRUCTURES,
         )

@@ -24,10 +24,10 @@ from sawmill_tomography.calibration.joint_fit.groups import (
     is_motion,
     is_on_detector,
 )
-from sawmill_tomography.calibration.joint_fit.modules import DRAWS
 from sawmill_tomography.calibration.joint_fit.normal_equations import ViewGrams
 from sawmill_tomography.calibration.joint_fit.slip import fewest, jump_at, likeliest_slip, places_of_slips, slip_at
 from sawmill_tomography.geometry.geometry import FloatArray
+from sawmill_tomography.geometry.ray_error import DRAWS
 from sawmill_vocabulary import Adjustment
 from sawmill_vocabulary.messages import Reason
 

@@ -5,11 +5,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
 from sawmill_tomography.calibration.covariance import Covariance, frame_deviation, theta_covariance
 from sawmill_tomography.calibration.joint_fit.groups import ON_DETECTOR
 from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit
-from sawmill_tomography.calibration.joint_fit.modules import DRAWS, HiddenModule
+from sawmill_tomography.calibration.joint_fit.modules import HiddenModule
 from sawmill_tomography.calibration.joint_fit.normal_equations import SINGULAR
 from sawmill_tomography.calibration.joint_fit.scan_model import (
     arc_term,
@@ -24,6 +25,7 @@ from sawmill_tomography.geometry.detector_shape import FIRST_WAVE
 from sawmill_tomography.geometry.fit_parameters import FRAME, RAYS, FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, Theta
 from sawmill_tomography.geometry.ray_error import (
+    DRAWS,
     RayAlternatives,
     RayErrorMixture,
     RayErrorPrediction,
@@ -34,8 +36,6 @@ from sawmill_tomography.geometry.ray_error import (
 # An error of the model turns with the phantom, so it shows in the slowest harmonics of the views' scores. Two harmonics
 # are enough for a measurement, and few enough to be close to the mean itself.
 HARMONICS = 2
-# Student's t at 97.5 % for the two or four degrees of freedom of one or two harmonics, against the normal 1.96.
-STUDENT = (4.303 / 1.96, 2.776 / 1.96)
 # Where something moved at two views or more, other motions may explain the scan as well: the rays' error may be larger
 # by this factor (test_unsteadiness.py).
 BY_JUMPS = 2.0
@@ -100,8 +100,8 @@ def residual_statistics(joint: JointFit) -> ResidualStatistics:
         if views > unknowns:
             clustered = float((scores.white**2).sum()) * views / (views - unknowns) / (unknowns * noise)
             # The estimate scatters for white noise too.
-            white = chance_limit(BEYOND_CHANCE, views - unknowns) / (views - unknowns)
-            inflation = clustered if clustered > white else 1.0
+            white = clustered * (views - unknowns) <= chance_limit(BEYOND_CHANCE, views - unknowns)
+            inflation = 1.0 if white else clustered
         number = min(HARMONICS, (views - 1) // 2)
         waves = np.fft.rfft(scores.white, axis=0)[1 : number + 1]
         slow = float((np.abs(waves) ** 2).sum()) / (number * unknowns * noise)
@@ -110,7 +110,9 @@ def residual_statistics(joint: JointFit) -> ResidualStatistics:
         of_free = plain * inflation
         parts["misfit-within-views"] = plain * (inflation - 1.0)
         if structured:
-            back = (waves @ scores.unscale.T)[:, own] * STUDENT[number - 1]
+            # Student's t of the harmonics' two degrees of freedom each, against the normal distribution, at 97.5 %.
+            wider = scipy.special.stdtrit(2 * number, 0.975) / scipy.special.ndtri(0.975)
+            back = (waves @ scores.unscale.T)[:, own] * wider
             parts["misfit-between-views"] = np.real(back.conj().T @ back) / number
             of_free = of_free + parts["misfit-between-views"]
     if joint.biases:

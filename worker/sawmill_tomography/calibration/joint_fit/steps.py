@@ -10,9 +10,9 @@ from sawmill_tomography.calibration.joint_fit.normal_equations import UNTRUSTED,
 from sawmill_tomography.calibration.joint_fit.scan_model import POSE, ScanModel, Term, arc_term, is_kink
 from sawmill_tomography.geometry.geometry import FloatArray
 
-# A step is within the noise when it moves the geometry by less than MOVED standard deviations, squared, and the whole
-# fit gains less than GAINED variances of a sample.
-MOVED, GAINED = 25.0, 200.0
+# A step is within the noise when it moves the geometry by less than this number of standard deviations, squared, and
+# the whole fit gains less than as much for each of its unknowns.
+MOVED = 25.0
 # A step is negligible when it moves the phantom's visible rim by less than LEAST_MOVE_MM (for a scan almost free of
 # noise this may be many standard deviations), or gains less than the share NO_GAIN of the residual.
 LEAST_MOVE_MM, NO_GAIN = 0.003, 1e-6
@@ -22,7 +22,7 @@ SHORTEST = 1 / 8
 def is_small(model: ScanModel, system: System, used: Sequence[int], change: FloatArray, variance: float) -> bool:
     """Return whether a full step changes nothing that matters."""
     gained = float(change @ system.score)
-    among_noise = gained <= GAINED * variance and off_by(system, used, change) <= MOVED * variance
+    among_noise = gained <= MOVED * len(used) * variance and off_by(system, used, change) <= MOVED * variance
     return among_noise or gained <= NO_GAIN * system.power or _moves_mm(model, system.columns, change) <= LEAST_MOVE_MM
 
 
