@@ -14,7 +14,6 @@ import numpy as np
 
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column
 from sawmill_tomography.calibration.joint_fit.scan_model import (
-    LEAST_CURVATURE,
     SKIN_DEPTHS_MM,
     ScanModel,
     Term,
@@ -30,8 +29,6 @@ from sawmill_vocabulary.geometry import MOST_WAVES
 from sawmill_vocabulary.messages import Reason
 from sawmill_vocabulary.scan_messages import EffectMessage
 
-# With fewer views a step is so large that two points do not represent an exposure.
-FEWEST_VIEWS = 60
 # An error of the drawing turns with the phantom: this share of it resembles cells that are off.
 STAYS = 0.25
 # Numbers of times a turn of wobbles, as with a worn bearing; the rarer ones are of a bearing's cage, and of its balls.
@@ -75,10 +72,6 @@ def _scattered_radiation(model: ScanModel, sizes: FloatArray) -> Reason:
         # With the gains of the views, scatter takes up what powers of the paths leave of the hardening.
         return EffectMessage.SCATTER_OR_HARDENING()
     return EffectMessage.SCATTER(added_percent=100.0 * added)
-
-
-def _exposure_columns(model: ScanModel) -> tuple[Column, ...]:
-    return (Column.of(Term.EXPOSURE),) if len(model.data.angles_rad) >= FEWEST_VIEWS else ()
 
 
 def _pace(model: ScanModel, sizes: FloatArray) -> Reason:
@@ -182,7 +175,7 @@ EFFECTS: tuple[Effect, ...] = (
     # The phantom turns while a view is exposed.
     Effect(
         Adjustment.ROTATION_DURING_EXPOSURE,
-        _exposure_columns,
+        _terms(Term.EXPOSURE),
         lambda _, sizes: EffectMessage.EXPOSURE(turn_percent=100.0 * _root(sizes[0])),
         lambda _, sizes: bool(sizes[0] > 0.0),
     ),
@@ -310,7 +303,7 @@ def places_of_cells(cells: DetectorCells) -> Iterator[Effect]:
     yield Effect(
         Adjustment.CELL_PLACES,
         lambda _: (Column.of(arc_term()),),
-        lambda _, sizes: EffectMessage.ARC(radius_mm=1.0 / max(bent + float(sizes[0]), LEAST_CURVATURE)),
+        lambda _, sizes: EffectMessage.ARC(radius_mm=1.0 / (bent + float(sizes[0]))),
         lambda model, sizes: (
             # A detector is no more than half a circle.
             0.0 <= bent + sizes[0] < math.pi / (cells.count * cells.width_mm)

@@ -12,7 +12,7 @@ from itertools import accumulate, chain, pairwise
 import numpy as np
 
 from sawmill_tomography.calibration.fit import OnStep, ignore_progress
-from sawmill_tomography.calibration.joint_fit.climb import BETTER, Climb, scatter_of
+from sawmill_tomography.calibration.joint_fit.climb import Climb, scatter_of
 from sawmill_tomography.calibration.joint_fit.effects import (
     EFFECTS,
     OF_WOOD,
@@ -385,7 +385,7 @@ class JointFitter:
             other = climb.to(bare, some, len(some))
             other = climb.to(other, groups, most, out) if set(other.sizes) != set(bare.sizes) else other
             # As many groups may join both, before they are compared.
-            if climb.weighed(other) > climb.weighed(climb.to(best, groups, len(of_cells), out)) + BETTER:
+            if climb.weighed(other) > climb.weighed(climb.to(best, groups, len(of_cells), out)):
                 best = other
         return best, groups
 

@@ -28,8 +28,6 @@ FEWEST_CELLS = 8
 NOT_LINEAR, AWAY = 6.0, frozenset({0, 1, 2, 3, 5, 8, 13, 21, 34, 55, 89})
 # A module that stands in for another may begin this number of cells away from it.
 NEAR = 16
-# The share of all information about u_c that cells on either side of a border must have.
-LEAST_BESIDE = 0.01
 # The number of modules that a detector is expected to have in addition to those that the scan shows
 # (benchmarks/families.py).
 HIDDEN = 2.0
@@ -325,7 +323,8 @@ class ModuleSearch:
         kinks = _moved(turned * self._u**2) - 2.0 * border * _moved(turned * self._u) + border**2 * _moved(turned)
         kinks = side * kinks - of_kink
         before = np.cumsum(own) - own
-        seen = np.minimum(before, own.sum() - before) >= LEAST_BESIDE * own.sum()
+        # Cells on either side of a border have information about u_c.
+        seen = np.minimum(before, own.sum() - before) > SINGULAR * own.sum()
         seen[:FEWEST_CELLS] = seen[seen.size - FEWEST_CELLS + 1 :] = False
         return gaps, kinks, side * self._of_kink(own) - of_both, seen
 

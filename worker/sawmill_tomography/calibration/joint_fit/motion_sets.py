@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_tomography.calibration.joint_fit.climb import BETTER, Climb, scatter_of
+from sawmill_tomography.calibration.joint_fit.climb import Climb, scatter_of
 from sawmill_tomography.calibration.joint_fit.effects import DEFORMATION, Effect
 from sawmill_tomography.calibration.joint_fit.groups import (
     SIZES,
@@ -78,7 +78,7 @@ class MotionSets:
         best = max(self._explored, key=weighed)
         # The fit itself lets all that does not move join or go.
         same = _moving(best) == _moving(self.current)
-        return None if same or weighed(best) - weighed(self.current) <= BETTER else best
+        return None if same or weighed(best) <= weighed(self.current) else best
 
     @cached_property
     def likely(self) -> list[tuple[Posterior, float]]:

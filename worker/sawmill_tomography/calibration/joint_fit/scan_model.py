@@ -144,8 +144,6 @@ def is_kink(term: int) -> bool:
 # The largest sizes of the terms that cannot be negative: 15 mm, 8 cells, a whole step.
 LARGEST: dict[int, float] = {Term.CORNERS: 225.0, Term.BLUR: 64.0, Term.EXPOSURE: 1.0}
 POSE = (Term.PSI, Term.T_X, Term.T_Y)
-# Detectors of a smaller curvature, 1/mm, are straight.
-LEAST_CURVATURE = 1e-7
 SKIN_DEPTHS_MM = {Term.THIN_SKIN: 3.0, Term.THICK_SKIN: 12.0}
 
 
@@ -549,10 +547,12 @@ class ScanModel:
 def _reshaped(cells: DetectorCells, changes: Mapping[int, float]) -> DetectorCells:
     """Return the detector's cells with these changes of arc and waves."""
     curvature = (0.0 if cells.arc_radius_mm is None else 1.0 / cells.arc_radius_mm) + changes.get(arc_term(), 0.0)
+    # A detector whose ends are less deep is straight.
+    bent = curvature * (cells.count * cells.width_mm) ** 2 > 8.0 * analytic.DEEPEST_MM
     waves = [*cells.waves_mm, *[0.0] * (MOST_WAVES - len(cells.waves_mm))]
     waves = [wave + changes.get(term, 0.0) for wave, term in zip(waves, wave_terms(), strict=True)]
     return replace(
         cells,
-        arc_radius_mm=1.0 / curvature if curvature > LEAST_CURVATURE else None,
+        arc_radius_mm=1.0 / curvature if bent else None,
         waves_mm=tuple(waves) if any(waves) else (),
     )

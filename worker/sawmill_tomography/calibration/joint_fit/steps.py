@@ -13,17 +13,16 @@ from sawmill_tomography.geometry.geometry import FloatArray
 # A step is within the noise when it moves the geometry by less than this number of standard deviations, squared, and
 # the whole fit gains less than as much for each of its unknowns.
 MOVED = 25.0
-# A step is negligible when it moves the phantom's visible rim by less than LEAST_MOVE_MM (for a scan almost free of
-# noise this may be many standard deviations), or gains less than the share NO_GAIN of the residual.
-LEAST_MOVE_MM, NO_GAIN = 0.003, 1e-6
-SHORTEST = 1 / 8
+# A step is negligible when it moves the phantom's visible rim by less than this: for a scan almost free of noise it may
+# be many standard deviations.
+LEAST_MOVE_MM = 0.003
 
 
 def is_small(model: ScanModel, system: System, used: Sequence[int], change: FloatArray, variance: float) -> bool:
     """Return whether a full step changes nothing that matters."""
     gained = float(change @ system.score)
     among_noise = gained <= MOVED * len(used) * variance and off_by(system, used, change) <= MOVED * variance
-    return among_noise or gained <= NO_GAIN * system.power or _moves_mm(model, system.columns, change) <= LEAST_MOVE_MM
+    return among_noise or _moves_mm(model, system.columns, change) <= LEAST_MOVE_MM
 
 
 def off_by(system: System, used: Sequence[int], change: FloatArray) -> float:
@@ -71,12 +70,12 @@ def stepped(
     """Take the largest share of the step that does not raise the residual; return the model and the share.
 
     The residual may rise by the share `UNTRUSTED`, since the compared sum does not contain the random effects of the
-    views, and by what the system expects: where a group leaves the fit, or its
-    prior is narrower, the residual rises. The returned share is 0 where no share is possible. `of_poses` (views, 3) is
-    the step of the poses of single views.
+    views, and by what the system expects: where a group leaves the fit, or its prior is narrower, the residual rises.
+    The returned share is 0 where no share above `UNTRUSTED` is possible. `of_poses` (views, 3) is the step of the poses
+    of single views.
     """
     share = 1.0
-    while share >= SHORTEST:
+    while share >= UNTRUSTED:
         then = moved(model, system.columns, share * change)
         then = replace(then, pose=then.pose + share * of_poses)
         if then.view_gain and then.clears:
