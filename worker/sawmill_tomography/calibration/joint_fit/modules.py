@@ -13,9 +13,8 @@ from sawmill_tomography.calibration.covariance import scaled_inverse
 from sawmill_tomography.calibration.joint_fit._derivatives_numba import taken_of_modules
 from sawmill_tomography.calibration.joint_fit.effects import Effect
 from sawmill_tomography.calibration.joint_fit.groups import KINK_RAD_PER_MM, PRIORS
-from sawmill_tomography.calibration.joint_fit.normal_equations import Column, System, ViewGrams
+from sawmill_tomography.calibration.joint_fit.normal_equations import SINGULAR, Column, System, ViewGrams
 from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, gap_term, kink_term
-from sawmill_tomography.calibration.joint_fit.selection import SINGULAR
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.geometry.ray_error import DRAWS
 from sawmill_vocabulary import Adjustment, DetectorModule
@@ -28,6 +27,8 @@ FEWEST_CELLS = 8
 NOT_LINEAR, AWAY = 6.0, frozenset({0, 1, 2, 3, 5, 8, 13, 21, 34, 55, 89})
 # A module that stands in for another may begin this number of cells away from it.
 NEAR = 16
+# The share of all information about u_c that cells on either side of a border must have.
+LEAST_BESIDE = 0.01
 # The number of modules that a detector is expected to have in addition to those that the scan shows
 # (benchmarks/families.py).
 HIDDEN = 2.0
@@ -323,8 +324,7 @@ class ModuleSearch:
         kinks = _moved(turned * self._u**2) - 2.0 * border * _moved(turned * self._u) + border**2 * _moved(turned)
         kinks = side * kinks - of_kink
         before = np.cumsum(own) - own
-        # Cells on either side of a border have information about u_c.
-        seen = np.minimum(before, own.sum() - before) > SINGULAR * own.sum()
+        seen = np.minimum(before, own.sum() - before) >= LEAST_BESIDE * own.sum()
         seen[:FEWEST_CELLS] = seen[seen.size - FEWEST_CELLS + 1 :] = False
         return gaps, kinks, side * self._of_kink(own) - of_both, seen
 

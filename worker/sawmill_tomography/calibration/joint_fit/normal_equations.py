@@ -29,7 +29,7 @@ from sawmill_tomography.statistics import robust_deviation
 
 # Terms that may change from view to view, or be projected out of each view.
 KEPT = (*POSE, Term.GAIN, Term.OFFSET)
-# An eigenvalue of the views' random effects below this share of the largest is zero within rounding.
+# An eigenvalue of normal equations below this share of the largest is zero within rounding.
 SINGULAR = 1e-12
 # The drawing's precision changes the path of a ray by this multiple.
 EDGES = 0.75

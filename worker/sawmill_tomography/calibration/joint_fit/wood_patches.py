@@ -9,8 +9,8 @@ import numpy as np
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.phantoms.phantom import Disc, Phantom, Polygon, Shape, cornered, counter_clockwise, signed_area
 
-# About this number of patches have the wood's area together (benchmarks/families.py), and none has a shorter side.
-PATCHES, SHORTEST_MM = 130, 6.0
+# About this number of patches have the wood's area together (benchmarks/families.py).
+PATCHES = 130
 # A patch with a smaller share of wood is joined with the one next to it that has most.
 FULL = 0.5
 # The side of a patch is at least this share of the drawing's longer side, for drawings with little wood.
@@ -25,7 +25,7 @@ def wood_patches(phantom: Phantom) -> tuple[tuple[Shape, ...], ...]:
     corners = np.concatenate([outline for outline, _ in outlines])
     low, extent = corners.min(axis=0), np.ptp(corners, axis=0)
     wood = sum(signed_area(outline) * density for outline, density in outlines)
-    side = max(math.sqrt(max(wood, 0.0) / PATCHES), LEAST_SHARE * float(extent.max()), SHORTEST_MM)
+    side = max(math.sqrt(max(wood, 0.0) / PATCHES), LEAST_SHARE * float(extent.max()))
     counts = np.ceil(extent / side).astype(int)
     sides = extent / counts
     rounding = math.sqrt(np.finfo(np.float64).eps) * sides.prod()  # pieces with a smaller area have no inside
