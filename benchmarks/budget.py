@@ -121,7 +121,7 @@ def motions(rng: np.random.Generator) -> FloatArray:
 
 def of_modules(rng: np.random.Generator) -> Scanner:
     """Return a detector of up to three further modules, each with odds of 2."""
-    sizes, there = (FLAT.detector_pitch_mm * modules.HIDDEN_GAPS_CELLS, modules.HIDDEN_KINKS_RAD), {}
+    sizes, there = np.outer([1.0, groups.KINK_RAD_PER_MM], modules.PRIOR.sizes), {}
     for _ in range(int(rng.binomial(3, 2.0 / 3.0))):
         kind, sign = int(rng.integers(2)), rng.choice([-1.0, 1.0])
         move = float(sign * rng.choice(sizes[kind]))

@@ -36,13 +36,13 @@ def test_numbers_alone_are_set_aside(value, quarter):
 
 
 def test_a_limit_that_nothing_reaches_is_idle_and_one_that_decides_is_not(monkeypatch, capsys):
-    names = ("joint_fit.steps.NO_GAIN", "joint_fit.metal.ROUNDS")
+    names = ("joint_fit.steps.MOVED", "joint_fit.metal.ROUNDS")
     monkeypatch.setattr(idle_limits, "limits", lambda: [limit for limit in limits() if limit.label in names])
-    monkeypatch.setattr(idle_limits, "outcomes", lambda scans, _: [{"error_mm": 1e6 * steps.NO_GAIN}] * scans)
+    monkeypatch.setattr(idle_limits, "outcomes", lambda scans, _: [{"error_mm": 1e6 * steps.MOVED}] * scans)
     monkeypatch.setattr("sys.argv", ["idle_limits.py", "--scans", "2"])
     idle_limits.main()
     printed = capsys.readouterr().out
-    assert "joint_fit.steps.NO_GAIN: 2 and 2 of 2 scans" in printed
+    assert "joint_fit.steps.MOVED: 2 and 2 of 2 scans" in printed
     assert "2 limits, of which 1 change nothing: joint_fit.metal.ROUNDS" in printed
     monkeypatch.setattr("sys.argv", ["idle_limits.py", "--list"])
     idle_limits.main()

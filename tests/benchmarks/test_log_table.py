@@ -1,10 +1,6 @@
 """Whole logs, and the table of methods on them."""
 
-import json
-import math
-
 import astra
-import log_table
 import numpy as np
 import pytest
 from astra_rivals import STOPS, tuned
@@ -59,30 +55,6 @@ def astra_image(scan, line, iterations):
     rays = astra.create_proj_geom("fanflat_vec", scanner.num_detector_pixels, scan.projector.geometry.astra_vectors())
     operator = astra.OpTomo(astra.create_projector("line_fanflat", rays, volume))
     return operator.reconstruct("CGLS", line, iterations=iterations)
-
-
-TINY = ["--rows", "6", "--size", "32", "--settings", "12:0.04"]
-
-
-@pytest.mark.nightly
-def test_the_command_measures_what_is_missing_and_shows_all(tmp_path, capsys):
-    tiny = [*TINY, "--out", str(tmp_path)]
-    log_table.main(["--logs", "2", "--methods", "FBP", *tiny])
-    (file,) = tmp_path.iterdir()
-    first = json.loads(file.read_text())
-    both = ["total variation", "total variation, coupled"]
-    log_table.main(["--logs", "2,5", "--methods", "FBP", *both, *tiny])
-    assert json.loads(file.read_text())["FBP"] == first["FBP"]
-    assert len(list(tmp_path.iterdir())) == 2
-    shown = capsys.readouterr().out.splitlines()
-    kept = [json.loads(path.read_text()) for path in sorted(tmp_path.iterdir())]
-    assert "| method | 12 views, 4 % (2) |" in shown
-    error = math.sqrt(kept[0]["FBP"]["error"] * kept[1]["FBP"]["error"])
-    assert f"| FBP | {error:.4f} |" in shown
-    # Coupled as a share of uncoupled: as the two files have it.
-    shares = [np.divide(*(np.mean(one[name]["errors"]) for name in reversed(both))) for one in kept]
-    (line,) = (row for row in shown if row.startswith("| error of all rows |"))
-    assert line.endswith(" ".join(f"{share:.3f}" for share in shares) + " |")
 
 
 @pytest.mark.parametrize("method", first_by_day(4, [name for name in METHODS if name != "SIRT, tuned"]))

@@ -9,7 +9,7 @@ from scipy.ndimage import correlate1d
 from sawmill_tomography.calibration.joint_fit.effects import harmonics, in_the_laboratory
 from sawmill_tomography.calibration.joint_fit.modules import FEWEST_CELLS, ModuleSearch, with_modules
 from sawmill_tomography.calibration.joint_fit.normal_equations import WIDER, Column, ViewGrams
-from sawmill_tomography.calibration.joint_fit.scan_model import PATCH_TERMS, WARPS, ScanModel, Term, is_of_patch
+from sawmill_tomography.calibration.joint_fit.scan_model import WARPS, ScanModel, Series, Term, is_of_patch, term_of
 from sawmill_tomography.calibration.joint_fit.selection import EffectTester
 from sawmill_tomography.calibration.joint_fit.wood_patches import wood_patches
 from sawmill_tomography.calibration.sinogram_data import SinogramData
@@ -40,8 +40,8 @@ EFFECTS = {
     Term.TAPER_Y: -0.6,
     Term.THIN_SKIN: 0.1,
     Term.THICK_SKIN: -0.05,
-    PATCH_TERMS + 3: 0.2,
-    PATCH_TERMS + 40: -0.1,
+    term_of(Series.PATCH, 3): 0.2,
+    term_of(Series.PATCH, 40): -0.1,
 }
 
 

@@ -8,7 +8,7 @@ import math
 import numpy as np
 from numba import njit, prange
 
-from sawmill_tomography.calibration.joint_fit.scan_model import ALWAYS_DIFFERENTIATED, Term
+from sawmill_tomography.calibration.joint_fit.scan_model import OF_WOOD, Term
 from sawmill_tomography.projection._analytic_numba import (
     _FAST,
     PARAMETERS,
@@ -21,7 +21,7 @@ from sawmill_tomography.projection._analytic_numba import (
 # One thread takes the views of a block one after another, so the sums do not depend on the number of threads.
 BLOCK = 16
 
-TERMS, _U_C = ALWAYS_DIFFERENTIATED, int(Term.U_C)
+TERMS, _U_C = int(OF_WOOD[0]), int(Term.U_C)
 _GAIN, _OFFSET = int(Term.GAIN), int(Term.OFFSET)
 _HARDENING, _CUBIC = int(Term.HARDENING), int(Term.HARDENING_CUBIC)
 _GRADIENT_X, _GRADIENT_Y = int(Term.GRADIENT_X), int(Term.GRADIENT_Y)

@@ -20,11 +20,6 @@ from sawmill_tomography.calibration.joint_fit.selection import EffectTester
 from sawmill_tomography.calibration.joint_fit.slip import fewest
 from sawmill_tomography.geometry.geometry import FloatArray
 
-# A set of groups is left for another one that is likelier by this (logarithm).
-BETTER = 0.1
-# A climb ends after this number of changes.
-CHANGES = 30
-
 
 @dataclass(frozen=True, eq=False)
 class Climb:
@@ -37,12 +32,14 @@ class Climb:
 
     def to(self, posterior: Posterior, groups: Sequence[Group], most: int, barred: Collection[Group] = ()) -> Posterior:
         """Return the posterior after the best changes of one size at a time; at most `most` groups join."""
-        out = set(barred)
-        for _ in range(CHANGES):
+        out, been = set(barred), set[frozenset[object]]()
+        # Each group has a variance of its own: a climb may come back to where it was, and ends there.
+        while (here := frozenset([*posterior.sizes.items(), *out])) not in been:
+            been.add(here)
             changes: list[tuple[float, Group | None, float]] = [(0.0, None, 0.0)]
             likeliest = self.evidences(posterior, groups).max(axis=1).tolist() if most else []
             for each, gained in zip(groups, likeliest, strict=False):
-                if gained > BETTER and each not in out and self._may_join(each, posterior):
+                if gained > 0.0 and each not in out and self._may_join(each, posterior):
                     changes.append((gained, each, 0.0))
             for each, now in posterior.sizes.items():
                 evidence = self.evidence(posterior, each)
@@ -50,7 +47,7 @@ class Climb:
                 changes.append((float(evidence[place]) - current, each, float(each.sizes[place])))
                 changes.append((-current, each, 0.0))
             gained, group, size = max(changes, key=lambda change: change[0])
-            if group is None or gained <= BETTER:
+            if group is None:
                 break
             if group in posterior.sizes:
                 posterior = posterior.resized(group, size)
@@ -63,7 +60,7 @@ class Climb:
             own = [then.used.index(place) for place in group.one.places]
             # The gap and kink of one of several modules are often not possible before the others have joined.
             may = is_module(group.one) or group.one.effect.possible(self.model, then.mean[own])
-            if evidence.max() > BETTER and may:
+            if evidence.max() > 0.0 and may:
                 posterior, most = then, most - 1
             else:
                 out.add(group)

@@ -14,44 +14,26 @@ import numpy as np
 
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column
 from sawmill_tomography.calibration.joint_fit.scan_model import (
-    ARC,
-    LEAST_CURVATURE,
     SKIN_DEPTHS_MM,
-    WAVES,
     ScanModel,
     Term,
+    arc_term,
+    wave_terms,
 )
 from sawmill_tomography.geometry.detector_shape import waves
 from sawmill_tomography.geometry.fit_parameters import FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.projection.analytic import DetectorCells
 from sawmill_vocabulary import Adjustment
+from sawmill_vocabulary.geometry import MOST_WAVES
 from sawmill_vocabulary.messages import Reason
 from sawmill_vocabulary.scan_messages import EffectMessage
 
-# The share of samples above which a shadow is the deepest.
-DEEPEST = 0.98
-# A skin whose density differs by a larger share is something else.
-LARGEST_SKIN = 0.5
-# A detector with a smaller radius, in its own lengths, is none.
-LEAST_RADIUS = 0.5
-# Cells that are off by more, in cells, are in another order.
-LARGEST_SHIFT = 2.0
 # An error of the drawing turns with the phantom: this share of it resembles cells that are off.
 STAYS = 0.25
-_TIMES = {
-    0.5: "half a time",
-    1: "once",
-    1.5: "1.5 times",
-    2: "twice",
-    2.5: "2.5 times",
-    3: "three times",
-    4: "four times",
-    5: "five times",
-    6: "six times",
-}
-# Numbers of times a turn of wobbles that are rarer than once to four times: of a bearing's cage, and of its balls.
-RARE_ORDERS = (0.5, 1.5, 2.5, 5, 6)
+# Numbers of times a turn of wobbles, as with a worn bearing; the rarer ones are of a bearing's cage, and of its balls.
+_USUAL = {1: "once", 2: "twice", 3: "three times", 4: "four times"}
+_RARE = {0.5: "half a time", 1.5: "1.5 times", 2.5: "2.5 times", 5: "five times", 6: "six times"}
 # Shares of the scan in which phantom or scanner come to rest.
 REST = (0.1, 0.2, 0.4)
 
@@ -85,7 +67,7 @@ def _hardening(model: ScanModel, sizes: FloatArray) -> Reason:
 
 def _scattered_radiation(model: ScanModel, sizes: FloatArray) -> Reason:
     around, wide = model.halos
-    added = float((sizes[0] * around + sizes[1] * wide)[model.blurred > np.quantile(model.blurred, DEEPEST)].mean())
+    added = float((sizes[0] * around + sizes[1] * wide).flat[model.blurred.argmax()])
     if added < 0.0:
         # With the gains of the views, scatter takes up what powers of the paths leave of the hardening.
         return EffectMessage.SCATTER_OR_HARDENING()
@@ -111,11 +93,11 @@ def _encoder(message: EffectMessage, orders: tuple[int, int]) -> Effect:
     )
 
 
-def _wobble(order: float, trials: float = 1.0) -> Effect:
+def _wobble(order: float, times: str, trials: float = 1.0) -> Effect:
     return Effect(
         Adjustment.WOBBLE,
         lambda model: in_the_laboratory(model, [wave - wave.mean() for wave in harmonics(model, order)]),
-        lambda _, sizes: EffectMessage.WOBBLE(times=_TIMES[order], wobble_mm=largest_move(sizes)),
+        lambda _, sizes: EffectMessage.WOBBLE(times=times, wobble_mm=largest_move(sizes)),
         trials=trials,
     )
 
@@ -167,8 +149,6 @@ PACE = Effect(
     lambda model: of_angle([progress(model)]),
     _pace,
 )
-# The turntable's axis wobbles, as with a worn bearing.
-WOBBLES = tuple(_wobble(order) for order in (1, 2, 3, 4))
 
 EFFECTS: tuple[Effect, ...] = (
     # The measured line integral is p + c p^2 + d p^3.
@@ -237,8 +217,9 @@ EFFECTS: tuple[Effect, ...] = (
     ),
     _encoder(EffectMessage.ENCODER_LOW, (1, 2)),
     _encoder(EffectMessage.ENCODER_HIGH, (3, 4)),
-    *WOBBLES,
-    *(_wobble(order, 2.0 * len(RARE_ORDERS)) for order in RARE_ORDERS),
+    # The turntable's axis wobbles.
+    *(_wobble(order, times) for order, times in _USUAL.items()),
+    *(_wobble(order, times, 2.0 * len(_RARE)) for order, times in _RARE.items()),
     *(effect for share in REST for effect in _coming_to_rest(share)),
 )
 
@@ -255,7 +236,7 @@ def _skin(term: Term) -> Effect:
             density="denser" if sizes[0] > 0.0 else "less dense",
         ),
         # A skin changes the rays as an outline does that is off by its depth times its share.
-        possible=lambda model, sizes: model.drawing.precision_mm < depth_mm * abs(sizes[0]) <= depth_mm * LARGEST_SKIN,
+        possible=_shows(lambda _, sizes: depth_mm * abs(sizes[0])),
     )
 
 
@@ -321,25 +302,26 @@ def places_of_cells(cells: DetectorCells) -> Iterator[Effect]:
     bent = 0.0 if cells.arc_radius_mm is None else 1.0 / cells.arc_radius_mm
     yield Effect(
         Adjustment.CELL_PLACES,
-        lambda _: (Column.of(ARC),),
-        lambda _, sizes: EffectMessage.ARC(radius_mm=1.0 / max(bent + float(sizes[0]), LEAST_CURVATURE)),
+        lambda _: (Column.of(arc_term()),),
+        lambda _, sizes: EffectMessage.ARC(radius_mm=1.0 / (bent + float(sizes[0]))),
         lambda model, sizes: (
-            0.0 <= bent + sizes[0] < 1.0 / (LEAST_RADIUS * cells.count * cells.width_mm)
-            and is_beyond_drawing(model, sizes[0] * model.rows_of_cells([ARC])[0])
+            # A detector is no more than half a circle.
+            0.0 <= bent + sizes[0] < math.pi / (cells.count * cells.width_mm)
+            and is_beyond_drawing(model, sizes[0] * model.rows_of_cells([arc_term()])[0])
         ),
     )
-    known = np.pad(cells.waves_mm, (0, len(WAVES) - len(cells.waves_mm)))
+    known = np.pad(cells.waves_mm, (0, MOST_WAVES - len(cells.waves_mm)))
 
     def shifts_mm(sizes: FloatArray) -> FloatArray:
         return waves(tuple(known + sizes), np.arange(cells.count), cells.count)
 
     yield Effect(
         Adjustment.CELL_PLACES,
-        lambda _: tuple(map(Column.of, WAVES)),
+        lambda _: tuple(map(Column.of, wave_terms())),
         lambda _, sizes: EffectMessage.UNEVEN_CELLS(uneven_mm=math.sqrt(float((shifts_mm(sizes) ** 2).mean()))),
         lambda model, sizes: (
-            bool(np.abs(shifts_mm(sizes)).max() <= LARGEST_SHIFT * cells.width_mm)
-            and is_beyond_drawing(model, shifts_mm(sizes))
+            # The cells stay in their order.
+            bool(np.diff(shifts_mm(sizes)).min() > -cells.width_mm) and is_beyond_drawing(model, shifts_mm(sizes))
         ),
     )
 

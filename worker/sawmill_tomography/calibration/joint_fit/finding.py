@@ -9,6 +9,7 @@ import numpy as np
 
 from sawmill_tomography.calibration.fit import Fit, OnStep, ignore_progress, refine
 from sawmill_tomography.calibration.joint_fit.effects import Effect
+from sawmill_tomography.calibration.joint_fit.selection import FITTED, chance_limit
 from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.phantoms.phantom import Phantom
@@ -18,8 +19,6 @@ from sawmill_vocabulary import Adjustment
 
 # A fit that leaves less than this share of the sinogram, noise included, explains the scan.
 WELL_EXPLAINED = 0.03
-# A sinogram shows nothing when less than this share of the power is above white noise.
-LEAST_SIGNAL = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +75,8 @@ class AdjustedFit:
         noise = noise_of_differences(np.diff(self.data.sinogram - self.model, axis=1), 1)
         total = fit.residual_rms**2 / fit.relative_residual**2
         signal = total - noise**2
-        if signal < LEAST_SIGNAL * total:
+        samples = self.model.size
+        if samples * total <= noise**2 * chance_limit(FITTED, samples):  # white noise
             return 1.0
         return math.sqrt(max(fit.residual_rms**2 - noise**2, 0.0) / signal)
 

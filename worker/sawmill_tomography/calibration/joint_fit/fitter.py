@@ -12,7 +12,7 @@ from itertools import accumulate, chain, pairwise
 import numpy as np
 
 from sawmill_tomography.calibration.fit import OnStep, ignore_progress
-from sawmill_tomography.calibration.joint_fit.climb import BETTER, Climb, scatter_of
+from sawmill_tomography.calibration.joint_fit.climb import Climb, scatter_of
 from sawmill_tomography.calibration.joint_fit.effects import (
     EFFECTS,
     OF_WOOD,
@@ -60,7 +60,7 @@ from sawmill_tomography.calibration.joint_fit.selection import (
     chance_limit,
 )
 from sawmill_tomography.calibration.joint_fit.slip import angle_scatter, jump_at, likeliest_slip, slip_at
-from sawmill_tomography.calibration.joint_fit.steps import is_small, moved, off_by, stepped
+from sawmill_tomography.calibration.joint_fit.steps import MOVED, is_small, moved, off_by, stepped
 from sawmill_tomography.calibration.joint_fit.view_poses import (
     OF_TURNING,
     PoseSizes,
@@ -87,9 +87,6 @@ OTHER_SETS = 2
 EARLY = 2
 # In fewer views modules are only hidden ones: what few views leave looks like one.
 FEWEST_VIEWS = 12
-# A fit that ends before a step is small is good enough where the next step would move the geometry by no more than
-# this many standard deviations, squared.
-TOLERABLE = 25.0
 # Effects of wood are first looked for in this number of views, and not where neighbouring cells of the residual have
 # products whose mean is within this number of standard deviations of 0.
 SCREENED_VIEWS, UNCORRELATED = 20, 1.0
@@ -345,13 +342,13 @@ class JointFitter:
         self.model = self._with_fitted_modules()
         self.last = penalised, posterior, change, grams, tried
         self.groups = groups
-        self.converged = off_by(penalised, posterior.used, change) <= TOLERABLE * self.variance
+        self.converged = off_by(penalised, posterior.used, change) <= MOVED * self.variance
         same = set(before) == set(self.fitted)
         more = self._further_modules(grams, penalised, posterior.used, first_cells_of(tried) if same else ())
         if not (same and self._dropped_places(tried)):
             more = self._further_places(grams, penalised, posterior) or more
         # Cells cannot follow an arc that bends away from the source: the fit would take the same step in each round.
-        same = not self._dropped_impossible(filter(_is_place, before)) and same
+        same = not self._dropped_impossible(filter(is_on_detector, before)) and same
         if share == 0.0:
             return True
         if share < 1.0 or not small or not same or more:
@@ -388,7 +385,7 @@ class JointFitter:
             other = climb.to(bare, some, len(some))
             other = climb.to(other, groups, most, out) if set(other.sizes) != set(bare.sizes) else other
             # As many groups may join both, before they are compared.
-            if climb.weighed(other) > climb.weighed(climb.to(best, groups, len(of_cells), out)) + BETTER:
+            if climb.weighed(other) > climb.weighed(climb.to(best, groups, len(of_cells), out)):
                 best = other
         return best, groups
 
@@ -477,7 +474,7 @@ class JointFitter:
         return system, tried, list(range(len(base)))
 
     def _of_module(self, module: DetectorModule, trials: float) -> Fitted:
-        effect = effect_of(module, self.model.data.cells.width_mm)
+        effect = effect_of(module)
         return Fitted(effect, effect.columns(self.model), trials, declined=Adjustment.MODULES in self.without)
 
     def _with_fitted_modules(self) -> ScanModel:

@@ -8,7 +8,7 @@ eigenvalues of what the other columns leave of the group (docs/understand/verdic
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property
+from functools import cached_property
 
 import numpy as np
 
@@ -16,13 +16,13 @@ from sawmill_tomography.calibration.covariance import scaled_inverse, unit_scale
 from sawmill_tomography.calibration.joint_fit.effects import Effect
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column, System
 from sawmill_tomography.calibration.joint_fit.scan_model import (
-    ARC,
-    WAVES,
     ScanModel,
     Term,
-    first_cell,
+    arc_term,
     is_kink,
+    is_of_detector,
     is_of_module,
+    number_of,
 )
 from sawmill_tomography.geometry.detector_shape import FIRST_WAVE
 from sawmill_tomography.geometry.geometry import FloatArray
@@ -75,7 +75,7 @@ def is_motion(one: Fitted) -> bool:
 def first_cells_of(effects: Sequence[Fitted]) -> set[int]:
     """Return the first cells of the modules whose gaps and kinks are among the effects."""
     terms = [column.term for one in effects for column in one.columns]
-    return {first_cell(term) for term in terms if term is not None and is_of_module(term)}
+    return {number_of(term) for term in terms if term is not None and is_of_module(term)}
 
 
 @dataclass(frozen=True)
@@ -85,6 +85,11 @@ class Prior:
     low: float
     high: float
     odds: float = 0.1
+
+    @cached_property
+    def sizes(self) -> FloatArray:
+        """Sizes (SIZES,) in its range, of which each is the one before times a factor."""
+        return np.geomspace(self.low, self.high, SIZES)
 
 
 # Units: shares of the longest path's line integral, of the intensity, of the size or of the density; cells^2; mm^2; mm
@@ -116,23 +121,17 @@ def unit_of(column: Column, model: ScanModel) -> float:
     term = column.parts[0][0]
     if is_of_module(term):
         return KINK_RAD_PER_MM if is_kink(term) else 1.0
-    if term == ARC:
+    if term == arc_term():
         # The curvature that moves the ray of an end of the detector by 10 mm.
-        return 10.0 / max(float(np.abs(model.rows_of_cells([ARC])).max()), 1e-9)
-    if term in WAVES:
-        return FIRST_WAVE / (FIRST_WAVE + term - WAVES.start)
+        return 10.0 / max(float(np.abs(model.rows_of_cells([arc_term()])).max()), 1e-9)
+    if is_of_detector(term):
+        return FIRST_WAVE / (FIRST_WAVE + number_of(term))
     if term in (Term.PSI, Term.GRADIENT_X, Term.GRADIENT_Y):
         return 1.0 / model.drawing.radius_mm
     if term in (Term.HARDENING, Term.HARDENING_CUBIC):
         longest = max(float(model.lengths.max()), 1e-9)
         return 1.0 / longest if term is Term.HARDENING else 1.0 / longest**2
     return 1.0
-
-
-@cache
-def _sizes(low: float, high: float) -> FloatArray:
-    """Return `SIZES` sizes of which each is the one before times a factor."""
-    return np.geomspace(low, high, SIZES)
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +154,7 @@ class Group:
         return cls(
             one,
             unit,
-            _sizes(prior.low, max(prior.high, float(np.abs(one.sizes / unit).max()))),
+            replace(prior, high=max(prior.high, float(np.abs(one.sizes / unit).max()))).sizes,
             math.log(odds / (1.0 - odds)),
             ON_DETECTOR if is_on_detector(one) else STRUCTURES,
         )

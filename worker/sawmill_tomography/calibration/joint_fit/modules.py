@@ -12,34 +12,30 @@ from numpy.typing import NDArray
 from sawmill_tomography.calibration.covariance import scaled_inverse
 from sawmill_tomography.calibration.joint_fit._derivatives_numba import taken_of_modules
 from sawmill_tomography.calibration.joint_fit.effects import Effect
-from sawmill_tomography.calibration.joint_fit.normal_equations import Column, System, ViewGrams
+from sawmill_tomography.calibration.joint_fit.groups import KINK_RAD_PER_MM, PRIORS
+from sawmill_tomography.calibration.joint_fit.normal_equations import SINGULAR, Column, System, ViewGrams
 from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, gap_term, kink_term
 from sawmill_tomography.geometry.geometry import FloatArray
+from sawmill_tomography.geometry.ray_error import DRAWS
 from sawmill_vocabulary import Adjustment, DetectorModule
 from sawmill_vocabulary.scan_messages import EffectMessage
 
 # A module has at least this many cells.
 FEWEST_CELLS = 8
-# A scan that is far from its model for other reasons would show larger gaps and kinks than any detector has.
-LARGEST_GAP_CELLS, LARGEST_KINK_RAD = 4.0, 0.07
-# A border is looked for this number of cells away from where it was found.
-REACH = 4
 # Steps of a chord at the outline's edges are not linear in a cell's place: differences of chi-square between places
 # are looked at where they are less than this factor as much as to first order, this number of cells away.
-NOT_LINEAR, LINEAR_CELLS, AWAY = 6.0, 0.2, frozenset({0, 1, 2, 3, 5, 8, 13, 21, 34, 55, 89})
+NOT_LINEAR, AWAY = 6.0, frozenset({0, 1, 2, 3, 5, 8, 13, 21, 34, 55, 89})
 # A module that stands in for another may begin this number of cells away from it.
 NEAR = 16
-# The information about a gap or a kink that the other unknowns must leave, as a share of the whole detector's.
-LEAST_SEEN = 1e-6
 # The share of all information about u_c that cells on either side of a border must have.
 LEAST_BESIDE = 0.01
 # The number of modules that a detector is expected to have in addition to those that the scan shows
 # (benchmarks/families.py).
 HIDDEN = 2.0
-# Gaps (cells) and kinks (rad) of hidden modules: every order of magnitude is as likely.
-HIDDEN_GAPS_CELLS, HIDDEN_KINKS_RAD = np.geomspace(0.05, 3.0, 12), np.radians(np.geomspace(0.03, 3.0, 12))
-# Readings with a smaller likelihood are left out.
-LEAST_WEIGHT = 1e-3
+
+
+# Gaps and kinks of hidden modules too: every order of magnitude is as likely.
+PRIOR = PRIORS[Adjustment.MODULES]
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,12 +80,12 @@ class ModulePlaces:
         return tuple(
             replace(self._at[cell][0], probabilities=np.array([each]))
             for cell, each in zip(cells, likelihood.tolist(), strict=True)
-            if each > LEAST_WEIGHT
+            if DRAWS * each > 1.0
         )
 
 
-def effect_of(module: DetectorModule, cell_mm: float) -> Effect:
-    """Return the effect of a module's gap and kink, which start from the given ones; cells are `cell_mm` wide."""
+def effect_of(module: DetectorModule) -> Effect:
+    """Return the effect of a module's gap and kink, which start from the given ones."""
     return Effect(
         Adjustment.MODULES,
         lambda _: (Column.of(gap_term(module.first_cell)), Column.of(kink_term(module.first_cell))),
@@ -98,7 +94,8 @@ def effect_of(module: DetectorModule, cell_mm: float) -> Effect:
             gap_mm=module.gap_mm + float(sizes[0]),
             angle_deg=math.degrees(module.kink_rad + sizes[1]),
         ),
-        possible=lambda _, sizes: abs(sizes[0]) <= LARGEST_GAP_CELLS * cell_mm and abs(sizes[1]) <= LARGEST_KINK_RAD,
+        # A scan that is far from its model for other reasons would show larger ones than any detector has.
+        possible=lambda _, sizes: abs(sizes[0]) <= PRIOR.high and abs(sizes[1]) <= PRIOR.high * KINK_RAD_PER_MM,
     )
 
 
@@ -123,7 +120,6 @@ class ModuleSearch:
         self._products = grams.by_cell([system.columns[place] for place in used])
         self._normal, self._of_base = system.normal[np.ix_(used, used)], system.score[used]
         cells, (self._u, self._turn) = model.data.cells, model.by_kink
-        self._width_mm = cells.width_mm
         self._taken = [*avoided, *(module.first_cell for module in cells.modules)]
         self._border = cells.first_border_mm + cells.width_mm * np.arange(cells.count)
         self._found: dict[int, tuple[FloatArray, FloatArray, FloatArray]] = {}
@@ -180,21 +176,21 @@ class ModuleSearch:
         neighbouring cells the likeliest one is taken for all.
         """
         left = self._left()
-        factors = [np.concatenate([-each, each]) for each in (self._width_mm * HIDDEN_GAPS_CELLS, HIDDEN_KINKS_RAD)]
-        exponents = np.full((2, factors[0].size, left.seen.size), -np.inf)
+        factors = np.outer([1.0, KINK_RAD_PER_MM], np.concatenate([-PRIOR.sizes, PRIOR.sizes]))
+        exponents = np.full((2, factors.shape[1], left.seen.size), -np.inf)
         for kind, information in enumerate((left.gap, left.kink)):
             known, factor = left.seen & np.isfinite(information), factors[kind][:, None]
             score = factor * left.scores[kind][known]
             exponents[kind][:, known] = (score - 0.5 * factor**2 * information[known]) / variance
         most = max(float(exponents.max()), 0.0)
-        ratios = np.exp(exponents - most) * expected / (2 * factors[0].size * max(int(left.seen.sum()), 1))
+        ratios = np.exp(exponents - most) * expected / (2 * factors.shape[1] * max(int(left.seen.sum()), 1))
         probabilities = ratios / (math.exp(-most) + ratios.sum())
         for first in range(0, left.seen.size, NEAR):
             some = probabilities[..., first : first + NEAR]
             cell = first + int(some.sum(axis=(0, 1)).argmax())
             for kind, (gap_mm, kink_rad) in enumerate(((-1.0, 0.0), (0.0, 1.0))):
                 each = some[kind].sum(axis=1)
-                kept = each > LEAST_WEIGHT / factors[kind].size
+                kept = DRAWS * factors.shape[1] * each > 1.0
                 if kept.any():
                     bias = -left.moved_by[kind][:, cell]
                     yield HiddenModule(cell, gap_mm, kink_rad, bias, factors[kind][kept], each[kept])
@@ -206,7 +202,7 @@ class ModuleSearch:
         others = [n for n in range(len(self._terms)) if n not in own]
         left = self._without(module)._left()  # noqa: SLF001 - its own class
         gap, kink, power = left.best()
-        possible = (np.abs(gap) <= LARGEST_GAP_CELLS * self._width_mm) & (np.abs(kink) <= LARGEST_KINK_RAD)
+        possible = (np.abs(gap) <= PRIOR.high) & (np.abs(kink) <= PRIOR.high * KINK_RAD_PER_MM)
         likelihood, able = np.zeros(power.size), np.flatnonzero(left.seen & possible)
         likelihood[able] = np.exp((power[able] - power[able].max(initial=0.0)) / (2.0 * variance))
         likelihood /= max(likelihood.sum(), 1.0)
@@ -216,7 +212,7 @@ class ModuleSearch:
         removed[others] = (
             scaled_inverse(self._normal[np.ix_(others, others)]) @ self._normal[np.ix_(others, own)] @ known
         )
-        for cell in np.flatnonzero(likelihood > LEAST_WEIGHT):
+        for cell in np.flatnonzero(DRAWS * likelihood > 1.0):
             bias = removed.copy()
             bias[others] -= gap[cell] * left.moved_by[0][:, cell] + kink[cell] * left.moved_by[1][:, cell]
             yield HiddenModule(int(cell), -gap[cell], kink[cell], bias, np.ones(1), likelihood[cell : cell + 1])
@@ -231,20 +227,19 @@ class ModuleSearch:
     def places(self, module: DetectorModule, variance: float) -> Iterator[HiddenModule]:
         """Yield places at which a module among the columns may begin: near it, and where it explains much as well.
 
-        What a place explains is known to first order only, by `NOT_LINEAR` in the variance, and where the gap is larger
-        than `LINEAR_CELLS` hardly. Then places at which both sides of the border stay where they are follow.
+        What a place explains is known to first order only, by `NOT_LINEAR` in the variance. Places at which both sides
+        of the border stay where they are follow.
         """
         for one in self.elsewhere(module, NOT_LINEAR * variance):
             if abs(one.first_cell - module.first_cell) in AWAY:
                 yield one
-        if abs(module.gap_mm) < LINEAR_CELLS * self._width_mm:
-            return
         cell, bias = module.first_cell, np.zeros(len(self._terms))
         bias[self._terms.index(gap_term(cell))], bias[self._terms.index(kink_term(cell))] = (
             -module.gap_mm,
             -module.kink_rad,
         )
-        for other in range(max(cell - REACH, 1), min(cell + REACH + 1, self._u.size)):
+        near = FEWEST_CELLS // 2
+        for other in range(max(cell - near, 1), min(cell + near + 1, self._u.size)):
             gap_mm = module.gap_mm - module.kink_rad * (self._border[other] - self._border[cell]) * self._turn[cell]
             yield HiddenModule(other, float(gap_mm), module.kink_rad, bias, np.ones(1), np.ones(1))
 
@@ -288,7 +283,7 @@ class ModuleSearch:
         of_gap, of_kink = self._of_score
         gaps, kinks, between, seen = self._alone
         gap, kink = (
-            np.where(left > LEAST_SEEN * whole[0], left, np.inf)
+            np.where(left > SINGULAR * whole[0], left, np.inf)
             for left, whole in (
                 (gaps - (by_gap * moved_by[0]).sum(axis=0), gaps),
                 (kinks - (by_kink * moved_by[1]).sum(axis=0), kinks),
@@ -365,7 +360,7 @@ class _Left:
     def of_kink_alone(self) -> FloatArray:
         """Information (cells,) about a kink that the gap leaves; infinite where both are alike."""
         share = self.between**2 / (self.gap * self.kink)
-        apart = np.isfinite(self.gap) & np.isfinite(self.kink) & (share < 1.0 - LEAST_SEEN)
+        apart = np.isfinite(self.gap) & np.isfinite(self.kink) & (share < 1.0 - SINGULAR)
         return np.asarray(np.where(apart, self.kink * (1.0 - share), np.inf))
 
 

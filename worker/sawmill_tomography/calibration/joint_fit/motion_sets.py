@@ -12,9 +12,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_tomography.calibration.joint_fit.climb import BETTER, Climb, scatter_of
+from sawmill_tomography.calibration.joint_fit.climb import Climb, scatter_of
 from sawmill_tomography.calibration.joint_fit.effects import DEFORMATION, Effect
 from sawmill_tomography.calibration.joint_fit.groups import (
+    SIZES,
     STRUCTURES,
     Fitted,
     Group,
@@ -23,26 +24,17 @@ from sawmill_tomography.calibration.joint_fit.groups import (
     is_motion,
     is_on_detector,
 )
-from sawmill_tomography.calibration.joint_fit.modules import LEAST_WEIGHT
 from sawmill_tomography.calibration.joint_fit.normal_equations import ViewGrams
-from sawmill_tomography.calibration.joint_fit.slip import jump_at, likeliest_slip, places_of_slips, slip_at
+from sawmill_tomography.calibration.joint_fit.slip import fewest, jump_at, likeliest_slip, places_of_slips, slip_at
 from sawmill_tomography.geometry.geometry import FloatArray
+from sawmill_tomography.geometry.ray_error import DRAWS
 from sawmill_vocabulary import Adjustment
 from sawmill_vocabulary.messages import Reason
 
 MOST_SLIPS = 3
-# A set of motions has at most this number of groups that join at once, and this number of sets is left by one group
-# each.
-MOST_MOTIONS, LEFT = 6, 3
-# Motions are looked at where the evidence of one is larger than this (logarithm).
-SUSPECTED = -2.0
 # Where something moves, the bound counts any other motion as likelier by this factor: what is loose moves again
 # (benchmarks/families.py).
 UNSTEADY = 3.0
-# An effect that is likelier than this is named alone, and otherwise with at most this number of others.
-NAMED, OTHERS = 0.5, 2
-# A slip may be this number of views away from where it was found.
-NEAR_VIEWS = (-3, -2, -1, 1, 2, 3)
 # Motions of which one kind is looked at first, and their numbers of columns: slips of the phantom, jumps of the
 # scanner, motions that go on from the first view to the last, and motions that turn with the table.
 STARTS = (
@@ -51,8 +43,6 @@ STARTS = (
     ({Adjustment.CREEP, Adjustment.PACE}, {1, 2}),
     ({Adjustment.WOBBLE, Adjustment.ENCODER}, {4}),
 )
-# Number of draws from the sizes that are not the likeliest.
-DRAWS = 2048
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +78,7 @@ class MotionSets:
         best = max(self._explored, key=weighed)
         # The fit itself lets all that does not move join or go.
         same = _moving(best) == _moving(self.current)
-        return None if same or weighed(best) - weighed(self.current) <= BETTER else best
+        return None if same or weighed(best) <= weighed(self.current) else best
 
     @cached_property
     def likely(self) -> list[tuple[Posterior, float]]:
@@ -98,7 +88,7 @@ class MotionSets:
         weights = np.array([self._climb.weighed(each) for each in sets])
         weights = np.exp(weights - weights.max())
         weights /= weights.sum()
-        kept = [n for n, weight in enumerate(weights) if n == 0 or weight > LEAST_WEIGHT]
+        kept = [n for n, weight in enumerate(weights) if n == 0 or DRAWS * weight > 1.0]
         return [(sets[n], float(weights[n] / weights[kept].sum())) for n in kept]
 
     def instead_of(self, one: Fitted) -> list[Reason]:
@@ -109,7 +99,8 @@ class MotionSets:
             effects = [group.one.effect for group in posterior.sizes]
             return one.effect in effects or any(effect.adjustment in alike for effect in effects)
 
-        if sum(probability for each, probability in self.likely if has(each)) > NAMED:
+        with_it = sum(probability for each, probability in self.likely if has(each))
+        if with_it > 1.0 - with_it:
             return []
         fitted = {group.one.effect for group in self.current.sizes}
         likelier: dict[Effect, float] = {}
@@ -121,12 +112,13 @@ class MotionSets:
                     own = [each.used.index(place) for place in group.one.places]
                     likelier[effect] = likelier.get(effect, 0.0) + probability
                     reasons.setdefault(effect, effect.reason(self._climb.model, each.mean[own]))
-        return [reasons[effect] for effect in sorted(likelier, key=likelier.__getitem__, reverse=True)[:OTHERS]]
+        # The others that are as likely as it, and otherwise the likeliest.
+        return [reasons[each] for each in likelier if likelier[each] >= min(with_it, max(likelier.values()))]
 
     def may_be(self, effect: Effect) -> bool:
         """Return whether an effect that is not fitted may be real instead of a fitted one."""
         others = [probability for each, probability in self.likely[1:] if effect in {g.one.effect for g in each.sizes}]
-        return sum(others) > 1.0 - NAMED
+        return sum(others) > 1.0 - sum(others)
 
     @cached_property
     def _explored(self) -> list[Posterior]:
@@ -140,21 +132,18 @@ class MotionSets:
         found: dict[frozenset[Group], Posterior] = {}
 
         def explore(start: Posterior, barred: Collection[Group] = ()) -> None:
-            end = climb.to(start, groups, MOST_MOTIONS, barred)
+            end = climb.to(start, groups, len(groups), barred)
             found.setdefault(frozenset(end.sizes), end)
 
         explore(current)
         explore(still)
         for kinds, widths in STARTS:
             of_kind = [each for each in motions if each.one.effect.adjustment in kinds and len(each.unit) in widths]
-            explore(climb.to(still, of_kind, MOST_MOTIONS))
-        looked: set[frozenset[Group]] = set()
-        for _ in range(LEFT):
-            left = [each for each in found.values() if frozenset(each.sizes) not in looked]
-            if not left:
-                break
-            best = max(left, key=climb.weighed)
-            looked.add(frozenset(best.sizes))
+            explore(climb.to(still, of_kind, len(groups)))
+        # The best set is left by each of its groups in turn, until that finds no better one.
+        best = None
+        while (likeliest := max(found.values(), key=climb.weighed)) is not best:
+            best = likeliest
             for group in [group for group in best.sizes if not is_on_detector(group.one)]:
                 explore(best.resized(group, 0.0), [group])
         return list(found.values())
@@ -170,10 +159,12 @@ class MotionSets:
         if climb.structured / STRUCTURES > here.variance:
             return True
         motions = [group for group in self._point.groups if is_motion(group.one)]
+        # All sizes of a motion together may be as likely as none.
+        suspected = -math.log(SIZES)
         for group, evidence in zip(motions, climb.evidences(here, motions), strict=True):
-            if evidence.max() > SUSPECTED:
+            if evidence.max() > suspected:
                 climb.scatter.setdefault(group.one, scatter_of(here, group))
-                if climb.evidence(here, group).max() > SUSPECTED:
+                if climb.evidence(here, group).max() > suspected:
                     return True
         return False
 
@@ -185,7 +176,9 @@ class MotionSets:
         views = places_of_slips(count) if Adjustment.SLIP not in point.without else []
         model = self._climb.model
         known = {one.view for one in slips if one.view is not None}
-        near = {view + by for view in known for by in NEAR_VIEWS if 0 < view + by < count}
+        # Slips nearer to each other than this are one, which may be at any view between.
+        apart = range(1, fewest(count) + 1)
+        near = {view + way * by for view in known for by in apart for way in (-1, 1) if 0 < view + way * by < count}
         near |= {*self._pursued()} if self._are_suspected else set()
         for view in sorted({*views, *near}) if views else ():
             for effect in (slip_at(view), jump_at(view)):

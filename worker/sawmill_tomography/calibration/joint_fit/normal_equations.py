@@ -16,7 +16,6 @@ from sawmill_tomography.calibration.covariance import scaled_inverse, unit_scale
 from sawmill_tomography.calibration.joint_fit._derivatives_numba import BLOCK, combined, inner_products, without_shares
 from sawmill_tomography.calibration.joint_fit.sample_noise import sample_noise
 from sawmill_tomography.calibration.joint_fit.scan_model import (
-    ALWAYS_DIFFERENTIATED,
     OF_WOOD,
     POSE,
     ScanModel,
@@ -30,7 +29,7 @@ from sawmill_tomography.statistics import robust_deviation
 
 # Terms that may change from view to view, or be projected out of each view.
 KEPT = (*POSE, Term.GAIN, Term.OFFSET)
-# An eigenvalue of the views' random effects below this share of the largest is zero within rounding.
+# An eigenvalue of normal equations below this share of the largest is zero within rounding.
 SINGULAR = 1e-12
 # The drawing's precision changes the path of a ray by this multiple.
 EDGES = 0.75
@@ -46,8 +45,8 @@ SCATTERS = 4.0
 # cell shares over the views is set to ALONE, in variances of a sample.
 ODD, ALONE = 6.0, 1e6
 
-# A part of a column: a term's derivative, in all views alike or times a shape (views,). Numbers from `PATCH_TERMS`
-# on are densities of patches of wood, those from `MODULE_TERMS` on gaps and kinks (`gap_term`, `kink_term`).
+# A part of a column: a term's derivative, in all views alike or times a shape (views,). Numbers beyond those
+# of `Term` are of a `Series`.
 Part = tuple[int, FloatArray | None]
 
 
@@ -101,8 +100,8 @@ class ViewGrams:
         by_column, by_wood = model.detector_rows, model.by_wood if of_wood else np.empty((0, views, cells))
         patch_edges, patches = model.patch_edges if of_patches else (np.empty((0, 5)), np.zeros(1, np.intp))
         further = (*model.detector_terms, *(OF_WOOD if of_wood else ()), *(model.patch_terms if of_patches else ()))
-        rows = ALWAYS_DIFFERENTIATED + len(further)
-        self._rows = {term: ALWAYS_DIFFERENTIATED + number for number, term in enumerate(further)}
+        rows = OF_WOOD[0] + len(further)
+        self._rows = {term: OF_WOOD[0] + number for number, term in enumerate(further)}
         self.grams, self.scores = np.zeros((views, rows, rows)), np.zeros((views, rows))
         # The weighted derivatives of `KEPT` (kept, views, cells), and how much of these was taken out of each term's.
         # The last of the weighted derivatives is the one by u_c.

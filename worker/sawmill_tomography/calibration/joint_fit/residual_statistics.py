@@ -5,17 +5,27 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
 from sawmill_tomography.calibration.covariance import Covariance, frame_deviation, theta_covariance
+from sawmill_tomography.calibration.joint_fit.groups import ON_DETECTOR
 from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit
 from sawmill_tomography.calibration.joint_fit.modules import HiddenModule
-from sawmill_tomography.calibration.joint_fit.motion_sets import DRAWS
-from sawmill_tomography.calibration.joint_fit.scan_model import ARC, WAVES, gap_term, is_of_detector, kink_term
+from sawmill_tomography.calibration.joint_fit.normal_equations import SINGULAR
+from sawmill_tomography.calibration.joint_fit.scan_model import (
+    arc_term,
+    gap_term,
+    is_of_detector,
+    kink_term,
+    wave_terms,
+)
+from sawmill_tomography.calibration.joint_fit.selection import BEYOND_CHANCE, chance_limit
 from sawmill_tomography.calibration.refusals import CalibrationError
 from sawmill_tomography.geometry.detector_shape import FIRST_WAVE
 from sawmill_tomography.geometry.fit_parameters import FRAME, RAYS, FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, Theta
 from sawmill_tomography.geometry.ray_error import (
+    DRAWS,
     RayAlternatives,
     RayErrorMixture,
     RayErrorPrediction,
@@ -23,21 +33,9 @@ from sawmill_tomography.geometry.ray_error import (
     predicted_ray_error,
 )
 
-# The estimated inflation scatters for white noise too: within this number of standard deviations it counts as 1.
-WHITE = 3.0
 # An error of the model turns with the phantom, so it shows in the slowest harmonics of the views' scores. Two harmonics
 # are enough for a measurement, and few enough to be close to the mean itself.
 HARMONICS = 2
-# Student's t at 97.5 % for the two or four degrees of freedom of one or two harmonics, against the normal 1.96.
-STUDENT = (4.303 / 1.96, 2.776 / 1.96)
-# An eigenvalue of the scaled normal equations below this is zero within rounding: the scan does not determine its
-# direction.
-SINGULAR = 1e-11
-# By chance each parameter takes one of this number of shares of the structure in the residual
-# (benchmarks/mill.py at 3ab7f653).
-SHARES = 400.0
-# An undetermined combination of parameters moves the rays when this much of it is R, SDD, u_c and tau.
-RAYS_SHARE = 1e-3
 # Where something moved at two views or more, other motions may explain the scan as well: the rays' error may be larger
 # by this factor (test_unsteadiness.py).
 BY_JUMPS = 2.0
@@ -77,7 +75,7 @@ def residual_statistics(joint: JointFit) -> ResidualStatistics:
 
     Four things inflate the covariance:
 
-    - Structure in the residual: each parameter takes one share by chance.
+    - Structure in the residual: each parameter takes one share by chance, as an effect on the detector does.
     - Residuals that are correlated within a view: the views' scores are compared with the scores of independent cells,
       by the mean eigenvalue of the cluster-robust covariance against the classical one (Liang and Zeger 1986).
     - Residuals that continue from view to view, as with a wrong drawing or a knot: the power of the scores' slowest
@@ -98,19 +96,23 @@ def residual_statistics(joint: JointFit) -> ResidualStatistics:
     parts = {source: part[np.ix_(own, own)] for source, part in _plain_parts(joint).items()}
     inflation, structured = 1.0, False
     if noise > 0.0:
-        shared = max(joint.system.structured - float(joint.change @ joint.system.score), 0.0) / (SHARES * noise)
+        shared = max(joint.system.structured - float(joint.change @ joint.system.score), 0.0) / (ON_DETECTOR * noise)
         if views > unknowns:
             clustered = float((scores.white**2).sum()) * views / (views - unknowns) / (unknowns * noise)
-            inflation = clustered if clustered > 1.0 + WHITE * math.sqrt(2.0 / (views - unknowns)) else 1.0
+            # The estimate scatters for white noise too.
+            white = clustered * (views - unknowns) <= chance_limit(BEYOND_CHANCE, views - unknowns)
+            inflation = 1.0 if white else clustered
         number = min(HARMONICS, (views - 1) // 2)
         waves = np.fft.rfft(scores.white, axis=0)[1 : number + 1]
         slow = float((np.abs(waves) ** 2).sum()) / (number * unknowns * noise)
         inflation = max(inflation, shared)
-        structured = inflation > 1.0 or slow > 1.0 + WHITE * math.sqrt(1.0 / (number * unknowns))
+        structured = inflation > 1.0 or slow > chance_limit(BEYOND_CHANCE, waves.size * 2) / (waves.size * 2)
         of_free = plain * inflation
         parts["misfit-within-views"] = plain * (inflation - 1.0)
         if structured:
-            back = (waves @ scores.unscale.T)[:, own] * STUDENT[number - 1]
+            # Student's t of the harmonics' two degrees of freedom each, against the normal distribution, at 97.5 %.
+            wider = scipy.special.stdtrit(2 * number, 0.975) / scipy.special.ndtri(0.975)
+            back = (waves @ scores.unscale.T)[:, own] * wider
             parts["misfit-between-views"] = np.real(back.conj().T @ back) / number
             of_free = of_free + parts["misfit-between-views"]
     if joint.biases:
@@ -170,7 +172,7 @@ def terms_of_rays(joint: JointFit) -> list[int]:
     for module in joint.modules:
         order += [gap_term(module.first_cell), kink_term(module.first_cell)]
     if any(joint.system.columns[place].term in joint.model.of_cells for place in joint.used):
-        order += [ARC, *WAVES]
+        order += [arc_term(), *wave_terms()]
     return order
 
 
@@ -208,7 +210,8 @@ def _refuse_undetermined(joint: JointFit) -> None:
     scale = system.scale[used]
     values, vectors = np.linalg.eigh(system.normal[np.ix_(used, used)] * np.outer(scale, scale))
     lost = values <= SINGULAR * values[-1]
-    if (vectors[[place for place, p in enumerate(free) if p in RAY_PARAMETERS], :][:, lost] ** 2).sum() > RAYS_SHARE:
+    of_rays = vectors[[place for place, p in enumerate(free) if p in RAY_PARAMETERS], :][:, lost]
+    if (of_rays**2).sum() > math.sqrt(SINGULAR):  # beyond rounding
         raise CalibrationError(
             "too-few-views",
             f"the {system.views} views do not determine the geometry: other scanners would show the same; give "

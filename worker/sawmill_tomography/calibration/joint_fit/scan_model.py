@@ -75,63 +75,77 @@ class Term(IntEnum):
 # Terms that are differentiated only where something else is left in the residual.
 WARPS = (Term.BOW_X, Term.BOW_Y, Term.TAPER_X, Term.TAPER_Y)
 OF_WOOD = (*WARPS, Term.THIN_SKIN, Term.THICK_SKIN)
-ALWAYS_DIFFERENTIATED = int(OF_WOOD[0])
 
-# Terms from here on are the shares by which the wood is denser in each patch (`wood_patches`); there are fewer patches.
-PATCH_TERMS, MOST_PATCHES = len(Term), 10_000
-# The detector's curvature, 1/mm, and the sizes of the waves by which its cells lie at unequal distances, mm.
-ARC = PATCH_TERMS + MOST_PATCHES
-WAVES = range(ARC + 1, ARC + 1 + MOST_WAVES)
-# Terms from here on are a gap (even) or kink (odd) before a cell of the detector.
-MODULE_TERMS = WAVES.stop
+
+class Series(IntEnum):
+    """Kinds of terms of which a model has many: they are numbered in turns, after those of `Term`."""
+
+    PATCH = 0  # the share by which the wood is denser in a patch (`wood_patches`)
+    WAVE = 1  # the size of a wave by which the detector's cells lie at unequal distances, mm
+    ARC = 2  # the detector's curvature, 1/mm: number 0 alone
+    GAP = 3  # the gap before a module's first cell, mm
+    KINK = 4  # the kink there, rad
+
+
+def term_of(series: Series, number: int) -> int:
+    """Return a term of a series."""
+    return len(Term) + len(Series) * number + series
+
+
+def number_of(term: int) -> int:
+    """Return the number of a term in its series: of a gap or a kink the module's first cell."""
+    return (term - len(Term)) // len(Series)
+
+
+def _is_of(term: int | None, *series: Series) -> bool:
+    return term is not None and term >= len(Term) and (term - len(Term)) % len(Series) in series
 
 
 def is_of_patch(term: int | None) -> bool:
     """Return whether a term is the density of the wood in a patch."""
-    return term is not None and PATCH_TERMS <= term < ARC
+    return _is_of(term, Series.PATCH)
+
+
+def arc_term() -> int:
+    """Return the term of the detector's curvature."""
+    return term_of(Series.ARC, 0)
+
+
+def wave_terms() -> tuple[int, ...]:
+    """Return the terms of all waves."""
+    return tuple(term_of(Series.WAVE, number) for number in range(MOST_WAVES))
 
 
 def gap_term(first_cell: int) -> int:
     """Return the term of the gap before a module's first cell, mm."""
-    return MODULE_TERMS + 2 * first_cell
+    return term_of(Series.GAP, first_cell)
 
 
 def kink_term(first_cell: int) -> int:
     """Return the term of the kink before a module's first cell, rad."""
-    return MODULE_TERMS + 2 * first_cell + 1
+    return term_of(Series.KINK, first_cell)
 
 
 def is_of_detector(term: int | None) -> bool:
     """Return whether a term is a place of the detector's cells: an arc, a wave, a gap or a kink."""
-    return term is not None and term >= ARC
+    return _is_of(term, Series.WAVE, Series.ARC, Series.GAP, Series.KINK)
 
 
 def is_of_module(term: int | None) -> bool:
     """Return whether a term is a gap or a kink."""
-    return term is not None and term >= MODULE_TERMS
+    return _is_of(term, Series.GAP, Series.KINK)
 
 
 def is_kink(term: int) -> bool:
     """Return whether the term of a module is the module's kink."""
-    return is_of_module(term) and (term - MODULE_TERMS) % 2 == 1
-
-
-def first_cell(term: int) -> int:
-    """Return the first cell of the module whose gap or kink this term is."""
-    return (term - MODULE_TERMS) // 2
+    return _is_of(term, Series.KINK)
 
 
 # The largest sizes of the terms that cannot be negative: 15 mm, 8 cells, a whole step.
 LARGEST: dict[int, float] = {Term.CORNERS: 225.0, Term.BLUR: 64.0, Term.EXPOSURE: 1.0}
 POSE = (Term.PSI, Term.T_X, Term.T_Y)
-# Detectors of a smaller curvature, 1/mm, are straight.
-LEAST_CURVATURE = 1e-7
 # The share of a step over which an exposure is tried: shorter and longer ones are found from it.
 TRIED_EXPOSURE = 0.5
-# The step in the squared radius of corners, mm^2, over which their effect is differentiated.
-CORNER_STEP = 9.0
-# The step in a bow or a taper, mm, over which its effect is differentiated.
-WARP_STEP_MM = 0.1
 SKIN_DEPTHS_MM = {Term.THIN_SKIN: 3.0, Term.THICK_SKIN: 12.0}
 
 
@@ -148,7 +162,7 @@ class ScanModel:
     pose: FloatArray  # (views, 3): changes of (psi, t_x, t_y) in each view, in radians and mm
     sizes: Mapping[int, float] = field(default_factory=dict)
     view_gain: bool = False  # True if gain and offset differ from view to view
-    of_cells: tuple[int, ...] = ()  # terms `ARC` and `WAVES` that are differentiated
+    of_cells: tuple[int, ...] = ()  # terms of arc and waves that are differentiated
 
     def size(self, term: int) -> float:
         """Return the size of an effect; 0 where the model does not have the effect."""
@@ -199,7 +213,7 @@ class ScanModel:
     @property
     def patch_terms(self) -> tuple[int, ...]:
         """The terms of the wood's patches."""
-        return tuple(range(PATCH_TERMS, PATCH_TERMS + len(wood_patches(self.drawing))))
+        return tuple(term_of(Series.PATCH, number) for number in range(len(wood_patches(self.drawing))))
 
     @property
     def patch_edges(self) -> tuple[FloatArray, NDArray[np.intp]]:
@@ -260,14 +274,14 @@ class ScanModel:
         return np.concatenate([self._module_rows, self.rows_of_cells(self.of_cells)])
 
     def rows_of_cells(self, terms: Sequence[int]) -> FloatArray:
-        """Return the factors (terms, cells) as `detector_rows` does, for some of the terms `ARC` and `WAVES`.
+        """Return the factors (terms, cells) as `detector_rows` does, for some of the terms of arc and waves.
 
         The ray to a cell of an arc crosses the line that touches it further from the source's foot: by the depth over
         the source's distance from the line.
         """
         u, from_foot = self.by_kink
         waves = wave_shapes(MOST_WAVES, np.arange(u.size), u.size)
-        rows = [-0.5 * u**2 * from_foot if term == ARC else -waves[term - WAVES.start] for term in terms]
+        rows = [-0.5 * u**2 * from_foot if term == arc_term() else -waves[number_of(term)] for term in terms]
         return np.reshape(rows, (-1, u.size))
 
     @cached_property
@@ -452,17 +466,17 @@ class ScanModel:
 
     @property
     def corner_edges(self) -> FloatArray:
-        """Edges (edges, 5) of pieces that corners lose; line integrals are the derivative by the squared radius."""
+        """Edges (edges, 5) that corners lose with a squared radius larger by 1 mm^2, as the derivative."""
         square = self.size(Term.CORNERS)
         without = with_rounded_corners(self.drawing, math.sqrt(square))
         drawn = len(self.drawing.shapes)
         pieces = (
-            *with_rounded_corners(self.drawing, math.sqrt(square + CORNER_STEP)).shapes[drawn:],
+            *with_rounded_corners(self.drawing, math.sqrt(square + 1.0)).shapes[drawn:],
             *(replace(shape, density=-shape.density) for shape in without.shapes[drawn:]),
         )
         if not pieces:
             return np.empty((0, 5))
-        return self._warped(pieces).edges * [1.0, 1.0, 1.0, 1.0, 1.0 / CORNER_STEP]
+        return self._warped(pieces).edges
 
     def has_skin(self, term: Term) -> bool:
         """Return whether the wood is thicker than this term's skin."""
@@ -474,7 +488,7 @@ class ScanModel:
             shapes = skin(self.drawing, SKIN_DEPTHS_MM[term])
             return self._warped(shapes) if shapes else None
         # Patches of other density hardly change what a warp does.
-        step = WARP_STEP_MM
+        step = float(np.cbrt(np.finfo(np.float64).eps)) * self.drawing.radius_mm
         more, less = (
             self._warped((*self._rounded, *self._skins), term, way * step).of_density(0.5 / (way * step))
             for way in (1.0, -1.0)
@@ -551,12 +565,14 @@ class ScanModel:
 
 
 def _reshaped(cells: DetectorCells, changes: Mapping[int, float]) -> DetectorCells:
-    """Return the detector's cells with these changes of the terms `ARC` and `WAVES`."""
-    curvature = (0.0 if cells.arc_radius_mm is None else 1.0 / cells.arc_radius_mm) + changes.get(ARC, 0.0)
+    """Return the detector's cells with these changes of arc and waves."""
+    curvature = (0.0 if cells.arc_radius_mm is None else 1.0 / cells.arc_radius_mm) + changes.get(arc_term(), 0.0)
+    # A detector whose ends are less deep is straight.
+    bent = curvature * (cells.count * cells.width_mm) ** 2 > 8.0 * analytic.DEEPEST_MM
     waves = [*cells.waves_mm, *[0.0] * (MOST_WAVES - len(cells.waves_mm))]
-    waves = [wave + changes.get(term, 0.0) for wave, term in zip(waves, WAVES, strict=True)]
+    waves = [wave + changes.get(term, 0.0) for wave, term in zip(waves, wave_terms(), strict=True)]
     return replace(
         cells,
-        arc_radius_mm=1.0 / curvature if curvature > LEAST_CURVATURE else None,
+        arc_radius_mm=1.0 / curvature if bent else None,
         waves_mm=tuple(waves) if any(waves) else (),
     )

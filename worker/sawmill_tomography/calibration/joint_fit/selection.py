@@ -8,7 +8,7 @@ import numpy as np
 
 from sawmill_tomography.calibration.joint_fit._derivatives_numba import largest_power
 from sawmill_tomography.calibration.joint_fit.groups import ON_DETECTOR, STRUCTURES
-from sawmill_tomography.calibration.joint_fit.normal_equations import UNTRUSTED, System
+from sawmill_tomography.calibration.joint_fit.normal_equations import SINGULAR, UNTRUSTED, System
 from sawmill_tomography.calibration.joint_fit.scan_model import is_of_detector
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.statistics import exceeded_chi_square
@@ -18,10 +18,6 @@ from sawmill_tomography.statistics import exceeded_chi_square
 FITTED, BEYOND_CHANCE = 1e-5, 0.01
 # Numbers of blocks of neighbouring views whose scores are compared: errors of a model continue from view to view.
 BLOCKS = (64, 32, 16, 8)
-# Eigenvalues of a normal matrix of unit diagonal below this are directions that the scan cannot distinguish.
-SINGULAR = 1e-7
-# Added to the diagonal for a view that alone determines an effect, against division by rounding errors.
-RIDGE = 1e-6
 
 
 chance_limit = cache(exceeded_chi_square)
@@ -68,7 +64,7 @@ class EffectTester:
         system, base, own = self._system, self._base, slice(tried[0], tried[-1] + 1)
         scale = system.scale[own]
         values, vectors = np.linalg.eigh(self._normal[own, own] * np.outer(scale, scale))
-        kept = values > SINGULAR
+        kept = values > SINGULAR  # others are directions that the scan cannot distinguish
         # Independent unknowns (columns, degrees) with unit information each.
         white = np.ascontiguousarray(scale[:, None] * vectors[:, kept] / np.sqrt(values[kept]))
         score = white.T @ self._score[own]
@@ -105,5 +101,6 @@ def _scatter(scores: FloatArray, information: FloatArray, variance: float) -> fl
     views is the unit matrix.
     """
     degrees: int = scores.shape[1]
-    power = float(largest_power(scores - scores.mean(axis=0), information, 1.0 + RIDGE, BLOCKS))
+    # A view that alone determines an effect leaves nothing of the unit matrix.
+    power = float(largest_power(scores - scores.mean(axis=0), information, 1.0 + SINGULAR, BLOCKS))
     return max(1.0, power / (variance * degrees))

@@ -6,26 +6,23 @@ from dataclasses import replace
 import numpy as np
 
 from sawmill_tomography.calibration.covariance import pseudo_inverse
-from sawmill_tomography.calibration.joint_fit.normal_equations import Column, System, ViewGrams
-from sawmill_tomography.calibration.joint_fit.scan_model import ARC, POSE, ScanModel, Term, is_kink
+from sawmill_tomography.calibration.joint_fit.normal_equations import UNTRUSTED, Column, System, ViewGrams
+from sawmill_tomography.calibration.joint_fit.scan_model import POSE, ScanModel, Term, arc_term, is_kink
 from sawmill_tomography.geometry.geometry import FloatArray
 
-# A step is within the noise when it moves the geometry by less than MOVED standard deviations, squared, and the whole
-# fit gains less than GAINED variances of a sample.
-MOVED, GAINED = 25.0, 200.0
-# A step is negligible when it moves the phantom's visible rim by less than LEAST_MOVE_MM (for a scan almost free of
-# noise this may be many standard deviations), or gains less than the share NO_GAIN of the residual.
-LEAST_MOVE_MM, NO_GAIN = 0.003, 1e-6
-SHORTEST = 1 / 8
-# A step may raise the residual by this share: the compared sum does not contain the random effects of the views.
-MAY_RISE = 0.1
+# A step is within the noise when it moves the geometry by less than this number of standard deviations, squared, and
+# the whole fit gains less than as much for each of its unknowns.
+MOVED = 25.0
+# A step is negligible when it moves the phantom's visible rim by less than this: for a scan almost free of noise it may
+# be many standard deviations.
+LEAST_MOVE_MM = 0.003
 
 
 def is_small(model: ScanModel, system: System, used: Sequence[int], change: FloatArray, variance: float) -> bool:
     """Return whether a full step changes nothing that matters."""
     gained = float(change @ system.score)
-    among_noise = gained <= GAINED * variance and off_by(system, used, change) <= MOVED * variance
-    return among_noise or gained <= NO_GAIN * system.power or _moves_mm(model, system.columns, change) <= LEAST_MOVE_MM
+    among_noise = gained <= MOVED * len(used) * variance and off_by(system, used, change) <= MOVED * variance
+    return among_noise or _moves_mm(model, system.columns, change) <= LEAST_MOVE_MM
 
 
 def off_by(system: System, used: Sequence[int], change: FloatArray) -> float:
@@ -58,8 +55,8 @@ def _moves_mm(model: ScanModel, columns: Sequence[Column], change: FloatArray) -
     for term in model.detector_terms:
         # A cell at the end of the detector, which a kink takes off the line by up to half the detector's length.
         arms[term] = (half_mm**2 / frame.source_to_detector_mm if is_kink(term) else 1.0) / frame.magnification
-    if ARC in model.of_cells:
-        arms[ARC] = 0.5 * half_mm**3 / frame.source_to_detector_mm / frame.magnification
+    if arc_term() in model.of_cells:
+        arms[arc_term()] = 0.5 * half_mm**3 / frame.source_to_detector_mm / frame.magnification
     moves = (
         abs(size) * (arms.get(column.term, 0.0) if column.term is not None else 1.0)
         for column, size in zip(columns, change.tolist(), strict=True)
@@ -72,12 +69,13 @@ def stepped(
 ) -> tuple[ScanModel, float]:
     """Take the largest share of the step that does not raise the residual; return the model and the share.
 
-    The residual may rise by the share `MAY_RISE`, and by what the system expects: where a group leaves the fit, or its
-    prior is narrower, the residual rises. The returned share is 0 where no share is possible. `of_poses` (views, 3) is
-    the step of the poses of single views.
+    The residual may rise by the share `UNTRUSTED`, since the compared sum does not contain the random effects of the
+    views, and by what the system expects: where a group leaves the fit, or its prior is narrower, the residual rises.
+    The returned share is 0 where no share above `UNTRUSTED` is possible. `of_poses` (views, 3) is the step of the poses
+    of single views.
     """
     share = 1.0
-    while share >= SHORTEST:
+    while share >= UNTRUSTED:
         then = moved(model, system.columns, share * change)
         then = replace(then, pose=then.pose + share * of_poses)
         if then.view_gain and then.clears:
@@ -85,7 +83,7 @@ def stepped(
         # A step that is far too long has no finite residual: it is halved as one that raises the residual is.
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             exists = then.clears and bool((then.gain > 0.0).all())
-            highest = grams.objective_at_model * (1.0 + MAY_RISE) + max(system.rise(share * change), 0.0)
+            highest = grams.objective_at_model * (1.0 + UNTRUSTED) + max(system.rise(share * change), 0.0)
             if exists and grams.objective(then.residual) <= highest:
                 return then, share
         share *= 0.5

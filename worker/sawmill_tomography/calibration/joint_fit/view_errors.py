@@ -4,14 +4,13 @@ import numpy as np
 
 from sawmill_tomography.calibration.covariance import scaled_inverse
 from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit
-from sawmill_tomography.calibration.joint_fit.motion_sets import DRAWS
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column
 from sawmill_tomography.calibration.joint_fit.residual_statistics import ResidualStatistics, terms_of_rays
 from sawmill_tomography.calibration.joint_fit.scan_model import POSE
 from sawmill_tomography.calibration.joint_fit.view_poses import beam_axes
 from sawmill_tomography.geometry.fit_parameters import FRAME
 from sawmill_tomography.geometry.geometry import FloatArray
-from sawmill_tomography.geometry.ray_error import ViewErrors
+from sawmill_tomography.geometry.ray_error import DRAWS, ViewErrors
 
 
 def view_errors(joint: JointFit, statistics: ResidualStatistics) -> ViewErrors | None:

@@ -10,12 +10,10 @@ from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.phantoms.phantom import Disc, Phantom, Polygon, Shape, cornered, counter_clockwise, signed_area
 from sawmill_tomography.statistics import exceeded_chi_square
 
-# About this number of patches have the wood's area together (benchmarks/families.py), and none has a shorter side.
-PATCHES, SHORTEST_MM = 130, 6.0
+# About this number of patches have the wood's area together (benchmarks/families.py).
+PATCHES = 130
 # A patch with a smaller share of wood is joined with the one next to it that has most.
 FULL = 0.5
-# Pieces with a smaller area have no inside.
-LEAST_AREA_MM2 = 1e-3
 # The side of a patch is at least this share of the drawing's longer side, for drawings with little wood.
 LEAST_SHARE = 1 / 24
 
@@ -28,17 +26,18 @@ def wood_patches(phantom: Phantom) -> tuple[tuple[Shape, ...], ...]:
     corners = np.concatenate([outline for outline, _ in outlines])
     low, extent = corners.min(axis=0), np.ptp(corners, axis=0)
     wood = sum(signed_area(outline) * density for outline, density in outlines)
-    side = max(math.sqrt(max(wood, 0.0) / PATCHES), LEAST_SHARE * float(extent.max()), SHORTEST_MM)
+    side = max(math.sqrt(max(wood, 0.0) / PATCHES), LEAST_SHARE * float(extent.max()))
     counts = np.ceil(extent / side).astype(int)
     sides = extent / counts
+    rounding = math.sqrt(np.finfo(np.float64).eps) * sides.prod()  # pieces with a smaller area have no inside
     patches: dict[tuple[int, int], tuple[Shape, ...]] = {}
     areas: dict[tuple[int, int], float] = {}
     for i, j in np.ndindex(*counts):
         corner = low + sides * [i, j]
         pieces = [(_clipped(outline, corner, corner + sides), density) for outline, density in outlines]
-        pieces = [(piece, density) for piece, density in pieces if signed_area(piece) > LEAST_AREA_MM2]
+        pieces = [(piece, density) for piece, density in pieces if signed_area(piece) > rounding]
         area = sum(signed_area(piece) * density for piece, density in pieces)
-        if area > LEAST_AREA_MM2:
+        if area > rounding:
             patches[i, j] = tuple(Polygon(tuple(map(tuple, piece.tolist())), density) for piece, density in pieces)
             areas[i, j] = area
     for i, j in [place for place, area in areas.items() if area < FULL * sides.prod()]:
@@ -75,8 +74,6 @@ def _clipped(corners: FloatArray, low: FloatArray, high: FloatArray) -> FloatArr
 
 # Standard deviations that are compared, as a share of the wood's density.
 DEVIATIONS = np.geomspace(1e-3, 0.2, 60)
-# Eigenvalues below this share of the largest are combinations of patches that the scan does not show.
-SINGULAR = 1e-9
 
 
 @dataclass(frozen=True)
@@ -91,13 +88,14 @@ class Variation:
 def variation(normal: FloatArray, score: FloatArray, noise: float) -> Variation:
     """Estimate the variation by the largest restricted likelihood (Patterson and Thompson 1971).
 
+    Each combination of patches that the scan shows on its own has an estimate of the deviation; these are compared.
     `normal` (patches, patches), `score` (patches,): normal equations of the densities, from densities of 0, next to the
     columns of the fit.
     """
     if noise <= 0.0:
         return Variation(float(DEVIATIONS[0]), 0.0, float(DEVIATIONS[0]))
     values, vectors = np.linalg.eigh(normal)
-    kept = values > SINGULAR * values[-1]
+    kept = values > values.size * np.finfo(np.float64).eps * values[-1]
     values, seen = values[kept], vectors[:, kept].T @ score
     expected = noise * values + np.concatenate([[0.0], DEVIATIONS])[:, None] ** 2 * values**2
     uniform, *misfits = (np.log(expected) + seen**2 / expected).sum(axis=1).tolist()
