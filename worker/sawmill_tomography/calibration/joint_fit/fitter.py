@@ -348,7 +348,7 @@ class JointFitter:
         if not (same and self._dropped_places(tried)):
             more = self._further_places(grams, penalised, posterior) or more
         # Cells cannot follow an arc that bends away from the source: the fit would take the same step in each round.
-        same = not self._dropped_impossible(filter(is_on_detector, before)) and same
+        same = not self._dropped_impossible(filter(_is_place, before)) and same
         if share == 0.0:
             return True
         if share < 1.0 or not small or not same or more:
@@ -402,7 +402,8 @@ class JointFitter:
         self.waiting = [one for one in waiting if first_cells_of([one]) <= self.known_modules]
 
     def result(self) -> JointFit:
-        """Return the end point of the fit."""
+        """Return the end point of the fit; what is not possible there leaves where the rounds ended before."""
+        self._dropped_impossible(self.fitted)
         system, posterior, change, grams, tried = self.last
         return JointFit(
             self._with_fitted_modules(),
