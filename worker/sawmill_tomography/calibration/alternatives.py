@@ -15,6 +15,7 @@ from sawmill_vocabulary import Handedness, Rotation
 
 # Hypotheses whose coarse residual is within this factor of the least are fitted to all the data and compared.
 CONTENDER = 3.0
+ITERATIONS = 60
 # Log-likelihood advantage over the next hypothesis below which the choice is not decisive.
 DECISIVE = 10.0
 
@@ -88,7 +89,7 @@ def fit_hypotheses(
                 data if contends else data.every(max(1, len(data.sinogram) // COARSE_VIEWS)),
                 start.frame,
                 position_mm=start.position_mm,
-                only_measure=not contends,
+                max_iterations=ITERATIONS if contends else 0,
                 on_step=on_step,
             )
             if fit is not None:

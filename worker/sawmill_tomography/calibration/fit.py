@@ -45,8 +45,8 @@ class Fit(FittedModel):
 
 # A fit ends where a step would gain less than this share of one sample's variance (a tenth of a standard deviation).
 NO_GAIN = 0.01
-# A fit that takes more iterations does not converge.
-MOST_ITERATIONS = 60
+# A step is slow when it lowers the sum of squares by less than this share.
+SLOW = 0.2
 
 # Called at each step of a fit; the number of steps is not known beforehand.
 OnStep = Callable[[], None]
@@ -102,13 +102,13 @@ def refine(
     *,
     position_mm: tuple[float, float] = (0.0, 0.0),
     fixed_source_distance: bool = False,
-    only_measure: bool = False,
+    max_iterations: int = 60,
+    hopeless: float = math.inf,
     on_step: OnStep = ignore_progress,
 ) -> Fit | None:
     """Go from an initial guess in the right basin to the basin's minimum.
 
-    `only_measure` leaves the guess where it is. None where the guess explains nothing: the phantom has no shadow on the
-    detector, or the gain is not positive.
+    None where the guess explains nothing: the phantom has no shadow on the detector, or the gain is not positive.
     """
     centre = float(np.average(data.sinogram, weights=data.weights))
     centred = replace(data, sinogram=data.sinogram - centre)
@@ -123,7 +123,7 @@ def refine(
     # Rounding of a sum of squares (Higham and Mary 2019, SIAM Journal on Scientific Computing 41, A2815).
     least = np.finfo(np.float64).eps * math.sqrt(samples) * power
     damping, converged, iterations = 1e-3, False, 0
-    while iterations < (0 if only_measure else MOST_ITERATIONS):
+    while iterations < max_iterations:
         iterations += 1
         on_step()
         hessian, gradient = current.hessian[free][:, free], current.gradient[free]
@@ -138,7 +138,10 @@ def refine(
         trial[free] += step
         then = _normal_equations(phantom, centred, trial)
         if then is not None and then.rss <= current.rss:
+            slow = then.rss > (1.0 - SLOW) * current.rss
             x, current, damping = trial, then, max(damping * 0.1, 1e-12)
+            if slow and current.rss > hopeless**2 * power:
+                break
         else:
             damping = max(damping * 10.0, 1e-9)
             if damping > 1e8:

@@ -19,6 +19,7 @@ from sawmill_tomography.calibration.joint_fit.effects import PACE, Effect, of_an
 from sawmill_tomography.calibration.joint_fit.finding import KnownEffect
 from sawmill_tomography.calibration.search.misfit import COARSE_VIEWS, TURNS, Candidate
 from sawmill_tomography.calibration.search.search import (
+    COARSE_ITERATIONS,
     coarse_misfit,
     geometry_box,
     guesses_from_shadow,
@@ -105,7 +106,9 @@ def _coarse_fits(task: CalibrationTask, seed: int, on_step: OnStep) -> list[tupl
     for hypothesis, number in sorted(best, key=lambda choice: best[choice].misfit)[:FITTED_COARSELY]:
         data = SinogramData(misfit.sinogram, hypothesis.rotation.apply(coarse[number]), misfit.cells)
         start = best[hypothesis, number].frame
-        fit = refine(task.phantoms[hypothesis.handedness], data, start, on_step=on_step)
+        fit = refine(
+            task.phantoms[hypothesis.handedness], data, start, max_iterations=COARSE_ITERATIONS, on_step=on_step
+        )
         if fit is not None:
             fits.append((RankedFit(hypothesis, fit), choices[number]))
     least = min((ranked.fit.relative_residual for ranked, _ in fits), default=0.0)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sawmill_tomography.calibration.alternatives import CONTENDER
 from sawmill_tomography.calibration.fit import Fit, OnStep, ignore_progress, refine
 from sawmill_tomography.calibration.refusals import CalibrationError
 from sawmill_tomography.calibration.search.misfit import (
@@ -27,8 +28,10 @@ from sawmill_vocabulary import Handedness
 # added, in rounds of these sizes.
 EXPLAINED = 0.05
 RANDOM_GUESSES = (64, 256)
-# Number of guesses of each hypothesis that are fitted.
+# Number of guesses of each hypothesis that are fitted, and iterations of each fit: the fit to all the data does the
+# rest.
 GUESSES_FITTED = 2
+COARSE_ITERATIONS = 20
 
 # Receives the round of the search, the largest number of rounds, and the least relative residual so far.
 SearchCallback = Callable[[int, int, float], None]
@@ -141,7 +144,7 @@ def _improve(
         # After a fit explains the scan, one guess of each other hypothesis is enough.
         if hypothesis in fits and _least(fits.values()) < EXPLAINED:
             continue
-        fit = _coarse_fit(misfit, hypothesis, candidate.frame, (0.0, 0.0), on_step)
+        fit = _coarse_fit(misfit, hypothesis, candidate.frame, (0.0, 0.0), fits.values(), on_step)
         before = fits.get(hypothesis)
         if fit is not None and (before is None or fit.relative_residual < before.relative_residual):
             fits[hypothesis] = fit
@@ -157,14 +160,18 @@ def _coarse_fit(
     hypothesis: PoseHypothesis,
     start: SourceFrame,
     position_mm: tuple[float, float],
+    fits: Collection[Fit],
     on_step: OnStep,
 ) -> Fit | None:
-    """Fit a guess to the coarse sinogram."""
+    """Fit a guess to the coarse sinogram, as long as the guess may compete with the best of these fits."""
+    least = _least(fits)
     return refine(
         misfit.phantoms[hypothesis.handedness],
         SinogramData(misfit.sinogram, hypothesis.rotation.apply(misfit.angles_rad), misfit.cells),
         start,
         position_mm=position_mm,
+        max_iterations=COARSE_ITERATIONS,
+        hopeless=CONTENDER * least if least < EXPLAINED else math.inf,
         on_step=on_step,
     )
 
@@ -180,7 +187,7 @@ def _with_ambiguous_poses(
     fit = coarse[best]
     for handedness, frame, position in ambiguous_poses(misfit, best, fit.frame, fit.position_mm):
         hypothesis = PoseHypothesis(handedness, best.rotation)
-        other = _coarse_fit(misfit, hypothesis, frame, position, on_step)
+        other = _coarse_fit(misfit, hypothesis, frame, position, [fit], on_step)
         if other is not None:
             rivals = fits.setdefault(hypothesis, [])
             rivals.append(other)
