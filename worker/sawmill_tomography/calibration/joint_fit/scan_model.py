@@ -393,7 +393,8 @@ class ScanModel:
         """
         square = self.size(Term.EXPOSURE)
         if not square:
-            return (self._mean_over(self._turns(TRIED_EXPOSURE)) - self.sharp) / TRIED_EXPOSURE**2
+            half = TRIED_EXPOSURE * self.step_rad / math.sqrt(12.0)  # the two points have the variance of the turn
+            return (self._mean_over(((-half, 0.5), (half, 0.5))) - self.sharp) / TRIED_EXPOSURE**2
         end = 0.5 * math.sqrt(square) * self.step_rad
         change = self._mean_over(((-end, 0.5), (end, 0.5))) - self.exposed
         return -np.expm1(-change) / (2.0 * square) if self.from_counts else change / (2.0 * square)
