@@ -59,13 +59,14 @@ def _of_line_integrals(raw, gain, cosine, sine, sizes, chain, row):
 
 
 @njit(fastmath=_FAST)
-def _add_turn(of_turn, weight, gain, from_counts, row, soft):
+def _add_turn(of_turn, weight, gain, from_counts, share, row, soft):
     """Add the rows of one turn by their weight, times the intensity that the detector averages where it counts."""
     for m in range(soft.size):
-        share = weight * math.exp(-gain * of_turn[_GAIN, m]) if from_counts else weight
-        soft[m] += share
-        for p in range(_CORNERS):
-            row[p, m] += share * of_turn[p, m]
+        share[m] = weight * math.exp(-gain * of_turn[_GAIN, m]) if from_counts else weight
+        soft[m] += share[m]
+    for p in range(_CORNERS):
+        for m in range(soft.size):
+            row[p, m] += share[m] * of_turn[p, m]
 
 
 @njit(fastmath=_FAST)
@@ -240,13 +241,13 @@ def inner_products(
             beta = angles[k] + lines[0, 2]
             _of_line_integrals(raw, gain[k, 0], math.cos(beta), math.sin(beta), sizes, chain, row)
             if of_turns.size > 1:
-                row[:_EXPOSURE], soft[:] = 0.0, 0.0
+                row[:_CORNERS], soft[:] = 0.0, 0.0
                 for n in range(of_turns.size):
                     raw[:] = 0.0
                     _view(k, edges, discs, lines, t_x, t_y, turned[n], u_first, pitch, cells, rays, raw, 2, left, right)
                     beta = turned[n, k] + lines[0, 2]
                     _of_line_integrals(raw, gain[k, 0], math.cos(beta), math.sin(beta), sizes, factors, of_turn)
-                    _add_turn(of_turn, of_turns[n], gain[k, 0], from_counts, row, soft)
+                    _add_turn(of_turn, of_turns[n], gain[k, 0], from_counts, factors, row, soft)
                 for p in range(_CORNERS):
                     for m in range(cells):
                         row[p, m] /= soft[m]
