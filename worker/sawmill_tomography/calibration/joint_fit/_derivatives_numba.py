@@ -248,9 +248,7 @@ def inner_products(
                     beta = turned[n, k] + lines[0, 2]
                     _of_line_integrals(raw, gain[k, 0], math.cos(beta), math.sin(beta), sizes, factors, of_turn)
                     _add_turn(of_turn, of_turns[n], gain[k, 0], from_counts, factors, row, soft)
-                for p in range(_CORNERS):
-                    for m in range(cells):
-                        row[p, m] /= soft[m]
+                row[:_CORNERS] /= soft
             row[_EXPOSURE] = exposure[k]
             at[PARAMETERS] = 0.0
             for n in range(-1, number):
