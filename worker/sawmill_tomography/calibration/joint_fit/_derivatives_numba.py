@@ -205,7 +205,7 @@ def inner_products(
     turned, of_turns : (turns, views) angles over which a view is exposed, and the (turns,) weight of each
     exposure : (views, cells) derivative by the exposure
     corner_edges : (edges, 5) of the pieces that corners lose, with the density that makes them the derivative
-    gain : (views, 1); sizes : (terms,)
+    gain : (views,); sizes : (terms,)
     exposed, blurred : (views, cells)
     taps : (2 n + 1,) weights of the blur; empty where there is none
     intensities : four times (views, cells): scatter from around and from the whole view, lag, and the sum of what is
@@ -239,15 +239,15 @@ def inner_products(
             raw[:] = 0.0
             _view(k, edges, discs, lines, t_x, t_y, angles, u_first, pitch, cells, rays, raw, 2, left, right)
             beta = angles[k] + lines[0, 2]
-            _of_line_integrals(raw, gain[k, 0], math.cos(beta), math.sin(beta), sizes, chain, row)
+            _of_line_integrals(raw, gain[k], math.cos(beta), math.sin(beta), sizes, chain, row)
             if of_turns.size > 1:
                 row[:_CORNERS], soft[:] = 0.0, 0.0
                 for n in range(of_turns.size):
                     raw[:] = 0.0
                     _view(k, edges, discs, lines, t_x, t_y, turned[n], u_first, pitch, cells, rays, raw, 2, left, right)
                     beta = turned[n, k] + lines[0, 2]
-                    _of_line_integrals(raw, gain[k, 0], math.cos(beta), math.sin(beta), sizes, factors, of_turn)
-                    _add_turn(of_turn, of_turns[n], gain[k, 0], from_counts, factors, row, soft)
+                    _of_line_integrals(raw, gain[k], math.cos(beta), math.sin(beta), sizes, factors, of_turn)
+                    _add_turn(of_turn, of_turns[n], gain[k], from_counts, factors, row, soft)
                 row[:_CORNERS] /= soft
             row[_EXPOSURE] = exposure[k]
             at[PARAMETERS] = 0.0

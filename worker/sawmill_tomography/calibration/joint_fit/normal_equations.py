@@ -114,7 +114,7 @@ class ViewGrams:
             np.array([weight for _, weight in model.turns_while_exposed]),
             model.exposure,
             model.corner_edges,
-            model.gain,
+            model.gain.ravel(),
             np.array([model.size(term) for term in Term]),
             model.exposed,
             model.blurred,
