@@ -4,11 +4,13 @@
 """
 
 import io
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from pydantic import TypeAdapter
 
+from sawmill_calibration.calibration.fixed_pairs import read_paired_scanner
 from sawmill_calibration.simulation import write_passages, write_simulated_scan
 from sawmill_command import seeding
 from sawmill_command.seeding import LOG_ROWS, PHANTOM_ROWS, ROW_PITCH_MM, THETA
@@ -21,8 +23,8 @@ from sawmill_tomography.projection.simulate import SimulatedStack, simulate_stac
 from sawmill_vocabulary import PairedScanner
 
 SEED = 2206
-# Two passages of a board that lies well apart in them.
-PAIR_ROWS, PHOTONS, PAIR_SEED = 16, 30_000.0, 5
+# Two passages of a board that lies well apart in them, and one of a log whose nails two pairs place.
+PAIR_ROWS, PAIR_LOG_ROWS, PHOTONS, PAIR_SEED = 16, 32, 30_000.0, 5
 SCANNER = Scanner(
     seeding.CONSTANTS.source_to_cor_mm, seeding.CONSTANTS.num_detector_pixels, seeding.CONSTANTS.detector_pitch_mm
 )
@@ -63,18 +65,12 @@ def record(folder: Path) -> None:
     )
     (folder / seeding.PHANTOM_FILE).write_bytes(buffer.getvalue())
     pairs = TypeAdapter(PairedScanner).validate_python({"pairs": DECLARATION.to_ask.example["body"]["pairs"]})
-    write_passages(
-        folder / "pairs.h5",
-        L_SHAPE.of_density(SAPWOOD_PER_MM),
-        pairs,
-        passages=2,
-        rows=PAIR_ROWS,
-        row_pitch_mm=ROW_PITCH_MM,
-        off_mm=10.0,
-        photons=PHOTONS,
-        seed=PAIR_SEED,
-    )
-    (folder / "pairs-true.json").unlink()
+    passed = partial(write_passages, row_pitch_mm=ROW_PITCH_MM, photons=PHOTONS, seed=PAIR_SEED)
+    board, true = L_SHAPE.of_density(SAPWOOD_PER_MM), folder / "pairs-true.json"
+    passed(folder / "pairs.h5", board, pairs, passages=2, rows=PAIR_ROWS, off_mm=10.0)
+    passed(folder / "log.h5", None, read_paired_scanner(true), passages=1, rows=PAIR_LOG_ROWS, off_mm=0.0)
+    for written in (true, folder / "log-true.json", folder / "log-marks.json"):
+        written.unlink()
 
 
 if __name__ == "__main__":

@@ -28,15 +28,18 @@ from sawmill_platform.contracts.uploads import UploadRequest
 from sawmill_platform.errors import Conflict
 from sawmill_platform.files.file_store import EXAMPLES
 from sawmill_platform.uploads.upload_store import UploadQuota
-from sawmill_store.examples import EXAMPLE, PAIR_FILES, SCANNER_NAMES, SPARE, SPARSE
+from sawmill_store.examples import EXAMPLE, LOG_FILES, PAIR_FILES, SCANNER_NAMES, SPARE, SPARSE
 from sawmill_store.requests.asked import NOTHING, Asked
 from sawmill_store.store import Store
 from sawmill_vocabulary import DataKind, Polygon, ReconstructionMethod, Theta
 
 RECORDED = Path(__file__).parent / "example_files"
 STACK_FILE, PHANTOM_FILE = "log-with-phantom.h5", "phantom-scan.npz"
-# The files of an example of fixed pairs, by the ids of their inspections.
-RECORDED_PAIRS = {identifier: f"pairs-{number}.h5" for number, identifier in enumerate(PAIR_FILES, 1)}
+# The files of an example of fixed pairs, of a board and of a log, by the ids of their inspections.
+RECORDED_PAIRS, RECORDED_LOG = (
+    {identifier: f"{name}-{number}.h5" for number, identifier in enumerate(files, 1)}
+    for name, files in (("pairs", PAIR_FILES), ("log", LOG_FILES))
+)
 # Marks a data folder whose examples are made.
 DONE = "complete"
 L_SHAPE = "l-shape"
@@ -78,7 +81,7 @@ def seed_examples(store: Store) -> None:
         )
         received = store.files.receive([(RECORDED / STACK_FILE).read_bytes()], max_bytes=2**30)
         store.scans.accept(spec, received, scan_id=identifier, priority=Priority.BACKGROUND)
-    inspected = {SPARE: PHANTOM_FILE, EXAMPLE: PHANTOM_FILE, **RECORDED_PAIRS}
+    inspected = {SPARE: PHANTOM_FILE, EXAMPLE: PHANTOM_FILE, **RECORDED_PAIRS, **RECORDED_LOG}
     for identifier in inspected.keys() - {item.id for item in store.inspections.page().items}:
         name = inspected[identifier]
         received = store.files.receive([(RECORDED / name).read_bytes()], max_bytes=2**30)

@@ -14,7 +14,7 @@ import pytest
 import sawmill_service
 import sawmill_worker
 from sawmill_command.examples import record
-from sawmill_command.seeding import PHANTOM_FILE, RECORDED, RECORDED_PAIRS, STACK_FILE, seed_examples
+from sawmill_command.seeding import PHANTOM_FILE, RECORDED, RECORDED_LOG, RECORDED_PAIRS, STACK_FILE, seed_examples
 from sawmill_platform.settings import StorageSettings
 from sawmill_store.store import Store
 from sawmill_tomography.warm_up import PARTS
@@ -119,7 +119,7 @@ def test_the_examples_are_made_once_in_the_life_of_a_data_folder(tmp_path):
 @pytest.mark.nightly
 def test_the_recorded_files_are_those_that_the_simulator_makes(tmp_path):
     record(tmp_path)
-    for name in (STACK_FILE, *RECORDED_PAIRS.values()):
+    for name in (STACK_FILE, *RECORDED_PAIRS.values(), *RECORDED_LOG.values()):
         with h5py.File(tmp_path / name) as made, h5py.File(RECORDED / name) as recorded:
             assert_as_simulated(made[COUNTS][()], recorded[COUNTS][()])
     with np.load(tmp_path / PHANTOM_FILE) as made, np.load(RECORDED / PHANTOM_FILE) as recorded:

@@ -53,7 +53,9 @@ def test_nails_are_where_the_simulation_says_and_the_aligned_scan_is_reconstruct
 
 def test_files_that_are_no_log_of_these_pairs_are_refused_in_one_sentence(run, failure, passed, tmp_path):
     line = arguments(passed)
-    assert failure(*line[:4], *line[6:])["detail"].endswith("there are 1 files, 3 pairs, and 3 calibrated ones")
+    assert failure(*line[:4], *line[6:])["detail"] == "the scanner has 3 pairs: give a file for each, not 1"
+    twice = failure(*line[:6], *line[3:])["detail"]
+    assert twice.endswith("there are 6 files, 3 pairs, and 3 calibrated ones")
     replacing = failure(*line, "--aligned", passed / "known.h5")
     assert replacing["detail"].startswith("the geometry of known.h5 would replace a file that is read")
     run("simulate", "log", "--pairs", passed / "three.json", "--rows", 3, "--passages", 1, "-o", tmp_path / "short.h5")

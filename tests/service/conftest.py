@@ -22,10 +22,9 @@ from emptied_databases import PostgresDatabases
 from plain_logs import log_plainly
 from scan_files import new_volume
 
-from sawmill_contracts import kinds
+from sawmill_contracts import fixed_pairs, kinds, pair_logs
 from sawmill_contracts.calibrations import CalibrationRequest
 from sawmill_contracts.drifts import DriftRequest
-from sawmill_contracts.fixed_pairs import DECLARATION, FixedPairsRequest
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.inspections import InspectionOptions
 from sawmill_contracts.phantoms import PhantomDrawing
@@ -50,6 +49,7 @@ from sawmill_platform.workers.logs import configure_logs
 from sawmill_service.app import create_app
 from sawmill_service.http.document.openapi_document import Application
 from sawmill_service.settings import ServiceSettings
+from sawmill_store.examples import LOG, LOG_FILES, PAIR_FILES, PAIRS
 from sawmill_store.store import Store
 from sawmill_vocabulary import DataKind, Disc, ReconstructionMethod
 
@@ -255,6 +255,7 @@ class FakeWorker:
     finish_inspection = partialmethod(_answer, results.inspection_result)
     finish_plan = partialmethod(_answer, results.plan_result)
     finish_fixed_pairs = partialmethod(_answer, results.fixed_pairs_result)
+    finish_pair_log = partialmethod(_answer, results.pair_log_result)
 
     def _finish(self, write: Callable[[Path], None], result: dict[str, Any]) -> None:
         claim = self.claim()
@@ -290,13 +291,14 @@ def seed(store: Store, worker: FakeWorker) -> None:
     worker.finish_plan()
     store.drifts.accept(DriftRequest(scan_id="example"), identifier="example")
     worker.finish_drift()
-    for inspection_id in ("example", "example-spare", "example-pair-1", "example-pair-2"):
+    for inspection_id in ("example", "example-spare", *PAIR_FILES, *LOG_FILES):
         received = store.files.receive([b"original"], max_bytes=100)
         store.inspections.accept_file(InspectionOptions(), received, identifier=inspection_id)
         worker.finish_inspection()
-    ask = FixedPairsRequest.model_validate(DECLARATION.to_ask.example["body"])
-    store.asked(DECLARATION).accept(ask, identifier="example-pairs")
-    worker.finish_fixed_pairs()
+    for declared, identifier in ((fixed_pairs.DECLARATION, PAIRS), (pair_logs.DECLARATION, LOG)):
+        ask = declared.ask.model_validate(declared.to_ask.example["body"])
+        store.asked(declared).accept(ask, identifier=identifier)
+        getattr(worker, f"finish_{declared.noun.replace('-', '_')}")()
     for upload_id in ("example", "example-spare"):
         store.uploads.create(UploadRequest(size_bytes=2**20), UploadQuota(2, 2**21, 2**30), identifier=upload_id)
     for schedule_id in ("example", "example-spare"):

@@ -9,8 +9,7 @@ from asgi import asynchronous, refusal
 from PIL import Image
 from results import SCANNER_SPEC, THETA, written_by_its_job
 
-from sawmill_contracts import kinds
-from sawmill_contracts.fixed_pairs import DECLARATION
+from sawmill_contracts import fixed_pairs, kinds, pair_logs
 from sawmill_contracts.reconstructions import StoredReconstructionOptions
 from sawmill_platform.errors import NotFound
 from sawmill_service.drawing import CalibrationPicture, calibration_picture
@@ -18,13 +17,15 @@ from sawmill_store.mill_files import MillFiles
 
 PLANS = "/v1/phantoms/l-shape/plans"
 EXAMPLE, KNOWN = {"scan_id": "example"}, ("calibration_id", "example")
+BOARD, LOG = (declared.to_ask.example["body"] for declared in (fixed_pairs.DECLARATION, pair_logs.DECLARATION))
 LINKS = ("volume", "first_slice", "mosaic", "side")
 # Where it is asked for and how, what is known at once, and which links lead to nothing before its result.
 KINDS = {
     "drift": ("/v1/drifts", EXAMPLE | {"rows": "0:2"}, KNOWN, ()),
     "reconstruction": ("/v1/reconstructions", EXAMPLE | {"size": 32}, KNOWN, LINKS),
     "plan": (PLANS, {"scanner_id": "example", "views": 20}, ("phantom_id", "l-shape"), ()),
-    "fixed-pairs": ("/v1/fixed-pairs", DECLARATION.to_ask.example["body"], ("phantom_id", "l-shape"), ["ring"]),
+    "fixed-pairs": ("/v1/fixed-pairs", BOARD, ("phantom_id", "l-shape"), ["ring"]),
+    "pair-log": ("/v1/pair-logs", LOG, ("failure", None), ["marks"]),
     "calibration": ("/v1/calibrations", EXAMPLE | {"seed": 11}, ("phantom_id", "l-shape"), ["report"]),
 }
 

@@ -4,7 +4,7 @@ from datetime import timedelta
 
 from asgi import refusal
 
-from sawmill_contracts import kinds
+from sawmill_contracts import kinds, pair_logs
 from sawmill_contracts.fixed_pairs import DECLARATION
 from sawmill_contracts.inspections import FILE_KEPT
 from sawmill_platform.contracts.jobs import Failure, FailureKind
@@ -61,3 +61,24 @@ def test_a_calibration_that_passed_asks_for_no_passage_and_one_that_failed_says_
     assert newest.index(failed) < newest.index(passed)
     assert "These are the places of last time." in newest
     assert "Aja kappale läpi uudelleen" in page(seeded, "/fixed-pairs/example-pairs", "fi")
+
+
+LOG = pair_logs.DECLARATION.to_ask.example["body"]
+
+
+def test_a_log_waits_for_its_calibration_and_is_refused_once_that_has_failed(seeded, worker, store):
+    asked = seeded.post("/v1/fixed-pairs", json=BODY).json()
+    of_it = LOG | {"fixed_pairs_id": asked["id"]}
+    log = seeded.post("/v1/pair-logs", json=of_it).json()
+    failure = Failure(kind=FailureKind.INPUT, code="broken-file", detail="pair 2: the file ends too early")
+    claim = worker.claim()
+    assert (claim.job.subject_id, store.jobs.get(log["job_id"]).state) == (asked["id"], "queued")
+    store.jobs.fail(claim, failure, retries=0)
+    assert refusal(seeded.post("/v1/pair-logs", json=of_it)) == (409, "fixed-pairs-without-result")
+    assert 'id="follow"' in page(seeded, f"/pair-logs/{log['id']}")
+    seen = {"state": "disagree", "moved_mm": [2.0, 0.1, 0.1], "within_mm": [0.2] * 3, "suspect": 1}
+    worker.finish_pair_log(agreement=seen, marks=[], unplaced=0)
+    shown = page(seeded, f"/pair-logs/{log['id']}")
+    assert "Pair 1 has moved, by all signs." in shown
+    assert "2.00\u00a0mm ± 0.20\u00a0mm" in shown
+    assert "0 marks" in shown

@@ -341,7 +341,7 @@ def test_of_many_at_once_exactly_as_many_are_accepted_as_there_are_places(each_s
 
 
 WITH_FILE = ("inspect_file", "upload_phantom_picture", "upload_scan")
-QUEUED = ("calibration", "drift", "fixed_pairs", "plan", "reconstruction")
+QUEUED = ("calibration", "drift", "fixed_pairs", "pair_log", "plan", "reconstruction")
 ASKING = (*(f"create_{each}" for each in QUEUED), *WITH_FILE)
 
 

@@ -99,6 +99,13 @@ def fixed_pairs_result(**changes: Any) -> dict[str, Any]:
     return {**rays, "pairs": [pair | rays] * 2, **judged, **board, **fit} | changes
 
 
+def pair_log_result(**changes: Any) -> dict[str, Any]:
+    """Two marks of two pairs, which show no motion; one of them may be elsewhere."""
+    mark = {"place_mm": (30.0, -20.0, 12.0), "deviations_mm": (0.4, 0.3, 0.8), "pairs": [1, 2], "residual_mm": 0.0}
+    marks = [mark | {"is_ambiguous": elsewhere} for elsewhere in (False, True)]
+    return {"marks": marks, "unplaced": 1, "agreement": {"state": "unknown"}} | changes
+
+
 def inspection_result(**changes: Any) -> dict[str, Any]:
     missing = {"name": "what the numbers are", "flag": "--data counts", "field": "data", "why": "never guessed"}
     part = {"name": "projections", "kind": "array", "shape": (12, 4, 16), "type": "uint16"}
@@ -120,6 +127,7 @@ RESULTS: dict[JobKind, Callable[..., dict[str, Any]]] = {
     kinds.DRIFT: drift_result,
     kinds.INSPECT: inspection_result,
     kinds.CALIBRATE_PAIRS: fixed_pairs_result,
+    kinds.LOCATE_MARKS: pair_log_result,
     kinds.TRACE_PHANTOM: lambda: {"name": "traced", "shapes": [{"kind": "disc", "center_mm": (0, 0), "radius_mm": 50}]},
 }
 

@@ -17,14 +17,14 @@ if TYPE_CHECKING:
         reconstruct,
     )
     from sawmill_calibration.calibration.fixed_pairs import calibrate_fixed_pairs
-    from sawmill_calibration.drift_checks.pair_logs import LocatedMark, LogOnPairs, locate_marks
+    from sawmill_calibration.drift_checks.pair_logs import locate_marks
     from sawmill_calibration.failures import InputError
     from sawmill_calibration.scans.scan import Scan, read_scan
     from sawmill_calibration.simulation import simulate_log_scan, simulate_phantom_scan
     from sawmill_calibration.view_vectors import read_views
     from sawmill_contracts.fixed_pairs import BoardPose, CalibratedPair, FixedPairsResult
+    from sawmill_contracts.pair_logs import LocatedMark, LogOnPairs, PairAgreement
     from sawmill_tomography.geometry.geometry import FanBeamGeometry, FanViews
-    from sawmill_tomography.pairs.agreement import PairAgreement
     from sawmill_tomography.phantoms.phantom import Phantom
     from sawmill_vocabulary import Disc, FixedPair, PairedScanner, Polygon, Scanner, Theta
 
@@ -70,14 +70,14 @@ _MODULES = {
         *("calibrate", "drift", "read_calibration", "reconstruct"),
     ),
     "sawmill_calibration.calibration.fixed_pairs": ("calibrate_fixed_pairs",),
-    "sawmill_calibration.drift_checks.pair_logs": ("LocatedMark", "LogOnPairs", "locate_marks"),
+    "sawmill_calibration.drift_checks.pair_logs": ("locate_marks",),
     "sawmill_calibration.failures": ("InputError",),
     "sawmill_calibration.scans.scan": ("Scan", "read_scan"),
     "sawmill_calibration.simulation": ("simulate_log_scan", "simulate_phantom_scan"),
     "sawmill_contracts.fixed_pairs": ("BoardPose", "CalibratedPair", "FixedPairsResult"),
+    "sawmill_contracts.pair_logs": ("LocatedMark", "LogOnPairs", "PairAgreement"),
     "sawmill_tomography.geometry.geometry": ("FanBeamGeometry", "FanViews"),
     "sawmill_calibration.view_vectors": ("read_views",),
-    "sawmill_tomography.pairs.agreement": ("PairAgreement",),
     "sawmill_tomography.phantoms.phantom": ("Phantom",),
     "sawmill_vocabulary": ("Disc", "FixedPair", "PairedScanner", "Polygon", "Scanner", "Theta"),
 }

@@ -2,7 +2,17 @@
 
 from typing import Any
 
-from sawmill_contracts import calibrations, drifts, fixed_pairs, inspections, phantoms, plans, reconstructions, scans
+from sawmill_contracts import (
+    calibrations,
+    drifts,
+    fixed_pairs,
+    inspections,
+    pair_logs,
+    phantoms,
+    plans,
+    reconstructions,
+    scans,
+)
 from sawmill_contracts.kinds import AskedKind
 from sawmill_platform.contracts.kind_declarations import KindDeclaration, declare
 
@@ -15,6 +25,7 @@ KINDS: tuple[KindDeclaration, ...] = (
     drifts.DECLARATION,
     inspections.DECLARATION,
     fixed_pairs.DECLARATION,
+    pair_logs.DECLARATION,
 )
 declare(KINDS)
 

@@ -5,6 +5,7 @@ The process reads untrusted files, so it has access neither to the database nor 
 
 from sawmill_contracts.calibrations import Calibration
 from sawmill_contracts.drifts import KnownBaseline
+from sawmill_contracts.fixed_pairs import FixedPairs
 from sawmill_contracts.phantoms import PhantomPicture, StoredPhantom
 from sawmill_contracts.scanners import StoredScanner
 from sawmill_contracts.scans import Scan
@@ -20,5 +21,6 @@ class HandedOver(AttemptInput):
     phantom: StoredPhantom | None = None
     picture: PhantomPicture | None = None  # the picture that the job traces
     calibration: Calibration | None = None
+    fixed_pairs: FixedPairs | None = None
     active: Calibration | None = None  # the scanner's active one, for a job on a scan that names none
     baselines: tuple[KnownBaseline, ...] = ()  # of the calibration, for a drift check; at most one for each method

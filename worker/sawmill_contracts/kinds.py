@@ -34,6 +34,7 @@ class Reference(StrEnum):
     PHANTOM = "phantom"  # `phantom_id`, or the phantom that the scan names
     # `calibration_id`, or the active one of the scan's scanner; none where the request gives a `theta`.
     CALIBRATION = "calibration"
+    FIXED_PAIRS = "fixed-pairs"  # `fixed_pairs_id`
     THETA = "theta"  # `theta`, or the theta of the scanner's active calibration
 
 
@@ -97,3 +98,4 @@ PLAN = JobKind.register("plan", "plans")
 DRIFT = JobKind.register("drift", "drifts")
 INSPECT = JobKind.register("inspect", "inspections")
 CALIBRATE_PAIRS = JobKind.register("calibrate-pairs", "fixed-pairs")
+LOCATE_MARKS = JobKind.register("locate-marks", "pair-logs")

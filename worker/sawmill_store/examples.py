@@ -26,8 +26,9 @@ from sawmill_store.scanners.history import forget_history
 from sawmill_store.store import Store
 
 EXAMPLE, SPARE, SPARSE = "example", "example-spare", "example-sparse"
-# A calibration of fixed pairs, and the inspections of its files: no scanner has them.
+# A calibration of fixed pairs, a log that passed them, and the inspections of their files: no scanner has them.
 PAIRS, PAIR_FILES = f"{EXAMPLE}-pairs", (f"{EXAMPLE}-pair-1", f"{EXAMPLE}-pair-2")
+LOG, LOG_FILES = f"{EXAMPLE}-log", (f"{EXAMPLE}-log-1", f"{EXAMPLE}-log-2")
 # Names of the example scanners by their ids. A scanner that somebody has renamed is no example any more.
 SCANNER_NAMES = {identifier: f"{identifier} scanner" for identifier in (EXAMPLE, SPARE)}
 _TABLES: tuple[type[Any], ...] = (*dict.fromkeys(table_of(declared.kind) for declared in asked_kinds()), ScanRow)
@@ -52,7 +53,7 @@ def remove_examples(store: Store) -> None:
     with store.database.write() as session:
         rows = session.scalars(select(ScannerRow).where(ScannerRow.id.in_(SCANNER_NAMES)).with_for_update()).all()
         scanners = [row for row in rows if row.spec["name"] == SCANNER_NAMES[row.id]]
-        ids, without_scanner = [row.id for row in scanners], (EXAMPLE, SPARE, PAIRS, *PAIR_FILES)
+        ids, without_scanner = [row.id for row in scanners], (EXAMPLE, SPARE, PAIRS, *PAIR_FILES, LOG, *LOG_FILES)
         of_examples = {
             table: or_(table.scanner_id.in_(ids), and_(table.scanner_id.is_(None), table.id.in_(without_scanner)))
             for table in _TABLES

@@ -1,7 +1,6 @@
 """`sawmill calibrate-pairs` and `sawmill locate-marks`: flags and output."""
 # ruff: noqa: PLC0415, FBT002 - imports inside the command: its help needs none; flags are booleans with a default
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -90,7 +89,7 @@ def locate_marks(
             scans, pairs, calibrated, data=data, tolerance_mm=tolerance_mm, aligned=aligned, on_progress=progress
         )
     if as_json:
-        print_json(asdict(log))
+        print_json(log.model_dump(mode="json"))
     else:
         from sawmill_worker.commands.tables import print_marks
 

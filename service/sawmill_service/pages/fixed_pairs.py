@@ -1,4 +1,4 @@
-"""`/fixed-pairs`: calibration of a scanner of fixed pairs, from the files of all pairs to their places."""
+"""`/fixed-pairs`, `/pair-logs`: a scanner of fixed pairs, from the files of all pairs to their places and to logs."""
 
 import math
 from typing import Any
@@ -6,7 +6,8 @@ from typing import Any
 from fastapi.responses import HTMLResponse
 from pydantic import TypeAdapter
 
-from sawmill_contracts.fixed_pairs import DECLARATION, FixedPairsResult
+from sawmill_contracts import pair_logs
+from sawmill_contracts.fixed_pairs import DECLARATION, FixedPairs, FixedPairsResult
 from sawmill_mill.two_questions import TwoQuestions
 from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.keys import Scope
@@ -17,6 +18,7 @@ from sawmill_service.pages.frame.languages import marked
 from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
 from sawmill_service.pages.frame.verdicts import shown_pair
 from sawmill_service.pages.job_words import STATES, stages
+from sawmill_store.store import Store
 from sawmill_vocabulary import PairedScanner
 from sawmill_vocabulary.pair_messages import PairMessage
 
@@ -25,6 +27,11 @@ VERDICTS = {
     "pass": ("good", marked("Done")),
     "watch": ("watch", marked("Look at it")),
     "fail": ("bad", marked("Failed")),
+}
+AGREEMENTS = {
+    "agree": ("good", marked("The pairs agree")),
+    "disagree": ("bad", marked("A pair has moved")),
+    "unknown": ("idle", marked("Not shown")),
 }
 # Reasons whose remedy is another passage.
 PASS_AGAIN = {PairMessage.ROLL_AGAIN, PairMessage.LIES_ALIKE, PairMessage.ORDER_UNCERTAIN}
@@ -63,8 +70,27 @@ def calibration(identifier: Identifier, page: ThePage, store: TheStore, settings
         stages=stages(page),
         max_bytes=settings.max_upload_bytes,
         again={**found.options.model_dump(mode="json"), "phantom_id": found.phantom_id},
-        **({} if result is None else _shown(page, result)),
+        **({} if result is None else _shown(page, result) | _logs(found, store)),
     )
+
+
+@router.get("/pair-logs/{identifier}")
+def log(identifier: Identifier, page: ThePage, store: TheStore) -> HTMLResponse:
+    """Show how far a log is, why it failed, or its marks and whether the pairs agree."""
+    found = store.asked(pair_logs.DECLARATION).get(identifier)
+    tone = "" if found.result is None else AGREEMENTS[found.result.agreement.state][0]
+    return page.answer("pair_log.html", log=found, stages=stages(page), tone=tone)
+
+
+def _logs(calibration: FixedPairs, store: Store) -> dict[str, Any]:
+    """Return the newest logs of a calibration, and the request to which the files of another one are added."""
+    newest = store.asked(pair_logs.DECLARATION).page(limit=LISTED).items
+    return {
+        "logs": [one for one in newest if one.options.fixed_pairs_id == calibration.id],
+        "of_log": {"fixed_pairs_id": calibration.id, "data": calibration.options.data, "inspection_ids": []},
+        "agreements": AGREEMENTS,
+        "states": STATES,
+    }
 
 
 def _shown(page: PageFrame, result: FixedPairsResult) -> dict[str, Any]:

@@ -51,6 +51,7 @@ _MADE = {
     kinds.INGEST: ("/scans/{}", marked("Open the scan")),
     kinds.CALIBRATE: ("/calibrations/{}/report", marked("Report")),
     kinds.CALIBRATE_PAIRS: ("/fixed-pairs/{}", marked("Open the result")),
+    kinds.LOCATE_MARKS: ("/pair-logs/{}", marked("Open the result")),
     kinds.RECONSTRUCT: ("/logs/{}", marked("Open the log")),
     kinds.TRACE_PHANTOM: ("/phantoms/{}", marked("Open the phantom")),
 }

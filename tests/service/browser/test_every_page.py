@@ -16,7 +16,7 @@ PAGES = (
     *("/calibrations/example/report", "/scanners/example", "/scanners/example/history", "/scanners/new", "/phantoms"),
     *("/scanners/example/compare?first=example&second=example", "/phantoms/new", "/phantoms/l-shape", "/jobs"),
     *("/system", "/audit", "/system/webhooks", "/retention", "/help", "/help/look-up/settings", "/help?search=queue"),
-    *("/fixed-pairs", "/fixed-pairs/example-pairs"),
+    *("/fixed-pairs", "/fixed-pairs/example-pairs", "/pair-logs/example-log"),
 )
 # The widths that each page is looked at in, the first when it is opened; in which colours and language; and the rules
 # of axe-core, of which none stands for all. Its other rules see neither colours nor words.

@@ -8,7 +8,7 @@ from page_checks import looks_right
 from playwright.sync_api import expect
 from recorded_apart import recorded_apart
 
-from sawmill_command.seeding import RECORDED, RECORDED_PAIRS
+from sawmill_command.seeding import RECORDED, RECORDED_LOG, RECORDED_PAIRS
 from sawmill_contracts.fixed_pairs import DECLARATION
 
 pytestmark = pytest.mark.slow
@@ -33,7 +33,7 @@ def test_one_passage_is_watched_and_the_second_goes_on_from_it(page, service, tm
     page.get_by_role("button", name="Calibrate").click()
     expect(page.get_by_role("alert")).to_have_text("Choose a file for each of the 2 pairs: there are 1.")
     first.set_input_files(files[0][::-1])
-    expect(page.locator("#order li")).to_have_text([path.name for path in files[0]])
+    expect(page.locator(".order li")).to_have_text([path.name for path in files[0]])
     places.fill(json.dumps({"pairs": [pair | {"source_to_detector_mm": 1.0} for pair in PLACES["pairs"]]}))
     page.get_by_role("button", name="Calibrate").click()
     expect(page.get_by_role("alert")).to_contain_text("the centre lies between source and detector")
@@ -56,3 +56,18 @@ def test_one_passage_is_watched_and_the_second_goes_on_from_it(page, service, tm
     assert (earlier["result"]["verdict"], newest["result"]["verdict"]) == ("watch", "pass")
     assert newest["options"]["inspection_ids"][:2] == earlier["options"]["inspection_ids"]
     assert (len(newest["result"]["passages"]), len(service.get("/v1/inspections").json()["items"])) == (2, 4)
+
+    # A log that passes the calibrated pairs shows its nails; one file too few does not leave the page.
+    page.get_by_label("Choose the files of a log").set_input_files(RECORDED / RECORDED_LOG["example-log-1"])
+    page.get_by_role("button", name="Find the marks").click()
+    expect(page.get_by_role("alert")).to_have_text("Choose a file for each of the 2 pairs: there are 1.")
+    page.get_by_label("Choose the files of a log").set_input_files([RECORDED / name for name in RECORDED_LOG.values()])
+    page.get_by_role("button", name="Find the marks").click()
+    expect(page.get_by_role("heading", name="3 marks")).to_be_visible()
+    expect(page.get_by_text("or elsewhere: its marks fit other places too")).to_have_count(2)
+    marks = page.get_by_alt_text("The marks across the feed and along it, numbered by height")
+    expect(marks).to_have_js_property("complete", True)
+    assert marks.evaluate("picture => picture.naturalWidth") > 500
+    looks_right(page, "pair-log")
+    page.get_by_role("link", name="Calibration of the pairs, and another log").click()
+    expect(page.get_by_text("Not shown")).to_be_visible()

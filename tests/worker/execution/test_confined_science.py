@@ -8,11 +8,10 @@ import pytest
 from PIL import Image
 from small_scanner import CONSTANTS, SCANNER, THETA
 
-from sawmill_command.seeding import RECORDED, RECORDED_PAIRS
-from sawmill_contracts import fixed_pairs
+from sawmill_command.seeding import RECORDED, RECORDED_LOG, RECORDED_PAIRS
+from sawmill_contracts import fixed_pairs, pair_logs
 from sawmill_contracts.calibrations import CalibrationRequest
 from sawmill_contracts.drifts import DriftRequest
-from sawmill_contracts.fixed_pairs import FixedPairsRequest
 from sawmill_contracts.inspections import InspectionOptions
 from sawmill_contracts.phantoms import BUILT_IN_PHANTOMS, PhantomPicture
 from sawmill_contracts.plans import PlanRequest
@@ -50,12 +49,12 @@ def asked(store):
     Image.fromarray(np.rint(255 * L_SHAPE.rasterise(400, 400.0)).astype(np.uint8)).save(buffer, format="PNG")
     store.phantoms.accept_picture(picture, store.files.receive([buffer.getvalue()], max_bytes=10**7))
     store.inspections.accept_file(InspectionOptions(), store.files.receive([stack_of_an_l()], max_bytes=10**7))
-    for identifier, name in RECORDED_PAIRS.items():
+    for identifier, name in {**RECORDED_PAIRS, **RECORDED_LOG}.items():
         received = store.files.receive([(RECORDED / name).read_bytes()], max_bytes=10**7)
         store.inspections.accept_file(InspectionOptions(), received, identifier=identifier)
-    store.asked(fixed_pairs.DECLARATION).accept(
-        FixedPairsRequest.model_validate(fixed_pairs.DECLARATION.to_ask.example["body"])
-    )
+    for declared, name in ((fixed_pairs.DECLARATION, "pairs"), (pair_logs.DECLARATION, "log")):
+        ask = declared.ask.model_validate(declared.to_ask.example["body"])
+        store.asked(declared).accept(ask, identifier=f"example-{name}")
     calibration = store.calibrations.accept(CalibrationRequest(scan_id=scan, activate=True)).id
     store.plans.accept(PlanRequest(scanner_id=scanner, theta=THETA, views=VIEWS), given={"phantom_id": "l-shape"})
     for method in ReconstructionMethod:

@@ -2,44 +2,23 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from sawmill_calibration.calibration.fixed_pairs import bridged, read_paired_scanner, read_passages, sources_of
 from sawmill_calibration.failures import input_errors_translated, read_json, refused
-from sawmill_calibration.scans.scan_rows import unreported
+from sawmill_calibration.scans.scan_rows import ScanSource, unreported
 from sawmill_calibration.view_vectors import vectors_of
 from sawmill_contracts.fixed_pairs import FixedPairsResult
+from sawmill_contracts.pair_logs import LocatedMark, LogOnPairs, PairAgreement
 from sawmill_formats.output.scan_writer import new_scan
 from sawmill_tomography.geometry.geometry import FloatArray
-from sawmill_tomography.pairs.agreement import PairAgreement, agreement
+from sawmill_tomography.pairs.agreement import agreement
 from sawmill_tomography.pairs.log_pictures import LogPictures, log_pictures
 from sawmill_tomography.pairs.marks import Body, Sights
 from sawmill_tomography.statistics import TWO_SIDED_95
-from sawmill_vocabulary import CellOrder, DataKind, ProgressCallback
-from sawmill_vocabulary.outlines import described
-
-
-@dataclass(frozen=True)
-class LocatedMark:
-    """A nail, a stone or a dense knot."""
-
-    place_mm: tuple[float, ...] = field(metadata=described("x, y in the common frame, and height on the feed."))
-    deviations_mm: tuple[float, ...] = field(metadata=described("Their standard deviations."))
-    pairs: tuple[int, ...] = field(metadata=described("The pairs that show it, from 1."))
-    residual_mm: float = field(metadata=described("RMS distance of the place from their rays."))
-    is_ambiguous: bool = field(metadata=described("Whether its marks fit other places too, which are listed."))
-
-
-@dataclass(frozen=True)
-class LogOnPairs:
-    """What a log shows of itself, and of the pairs that it passed."""
-
-    marks: tuple[LocatedMark, ...] = field(metadata=described("By height."))
-    unplaced: int = field(metadata=described("Number of marks in the pairs' pictures that are in no place."))
-    agreement: PairAgreement = field(metadata=described("Whether the pairs still agree."))
+from sawmill_vocabulary import CellOrder, DataKind, PairedScanner, ProgressCallback
 
 
 def locate_marks(
@@ -80,16 +59,45 @@ def locate_marks(
     given = read_paired_scanner(Path(scanner))
     otherwise = "no answer of calibrate-pairs --json"
     known = read_json(Path(calibration), FixedPairsResult, code="calibration", otherwise=otherwise)
-    if not len(scans) == len(given.pairs) == len(known.pairs):
-        numbers = f"{len(scans)} files, {len(given.pairs)} pairs, and {len(known.pairs)} calibrated ones"
-        raise refused("contradiction", f"a log passes once, a file for each pair: there are {numbers}")
     if aligned is not None and aligned.with_suffix(".json").absolute() in (
         Path(file).absolute() for file in (scanner, calibration)
     ):
         raise refused("contradiction", f"the geometry of {aligned.name} would replace a file that is read: rename it")
     sources = sources_of([Path(path) for path in scans], given, DataKind(data))
+    return log_on_pairs(sources, given, known, tolerance_mm, on_progress, aligned)
+
+
+def log_on_pairs(
+    sources: Sequence[ScanSource],
+    scanner: PairedScanner,
+    known: FixedPairsResult,
+    tolerance_mm: float,
+    on_progress: ProgressCallback,
+    aligned: Path | None = None,
+) -> LogOnPairs:
+    """Find marks of a log and check the pairs by it: commands, Python users and jobs call it.
+
+    Parameters
+    ----------
+    sources : sequence of ScanSource
+        A file for each pair (`sources_of`).
+    scanner : PairedScanner
+        The pairs with their cells and offsets along the feed.
+    known : FixedPairsResult
+        Their calibrated places.
+    tolerance_mm, on_progress, aligned
+        As in `locate_marks`.
+
+    Raises
+    ------
+    InputError
+        A file cannot be used, or the log leaves a detector.
+    """
+    if not len(sources) == len(scanner.pairs) == len(known.pairs):
+        numbers = f"{len(sources)} files, {len(scanner.pairs)} pairs, and {len(known.pairs)} calibrated ones"
+        raise refused("contradiction", f"a log passes once, a file for each pair: there are {numbers}")
     stacks, pitches_mm = list[FloatArray](), list[float]()
-    for found, (named, rows, stack) in zip(known.pairs, read_passages(sources, given, on_progress), strict=True):
+    for found, (named, rows, stack) in zip(known.pairs, read_passages(sources, scanner, on_progress), strict=True):
         pitches_mm.append(rows.scanner.row_pitch_mm or 0.0)
         due = (1, len(stacks[0]) if stacks else stack.shape[1])
         if stack.shape[:2] != due or pitches_mm[-1] != pitches_mm[0] or not pitches_mm[0]:
@@ -99,7 +107,7 @@ def locate_marks(
         way = -1 if found.cell_order is CellOrder.COUNTER_CLOCKWISE else 1
         stacks.append(bridged(stack[0, :, ::way].astype(np.float64)))
     with input_errors_translated():
-        pictures = log_pictures(stacks, given.pairs, [pair.source_frame for pair in known.pairs], pitches_mm[0])
+        pictures = log_pictures(stacks, scanner.pairs, [pair.source_frame for pair in known.pairs], pitches_mm[0])
     if aligned is not None:
         _write_aligned(pictures, aligned)
     errors = np.array([pair.predicted_rms_mm for pair in known.pairs])
@@ -107,12 +115,18 @@ def locate_marks(
     bodies = sights.bodies()
     placed = {mark for body in bodies for mark in body.marks.items()}
     unplaced = sum(map(len, sights.marks)) - len(placed)
-    return LogOnPairs((*map(_located, bodies),), unplaced, agreement(sights, tolerance_mm))
+    agreed = PairAgreement.model_validate(agreement(sights, tolerance_mm)._asdict())
+    return LogOnPairs(marks=[*map(_located, bodies)], unplaced=unplaced, agreement=agreed)
 
 
 def _located(body: Body) -> LocatedMark:
-    numbers = (*body.place_mm.tolist(),), (*body.deviations_mm.tolist(),), (*sorted(pair + 1 for pair in body.marks),)
-    return LocatedMark(*numbers, body.residual_mm, body.is_ambiguous)
+    return LocatedMark(
+        place_mm=tuple(body.place_mm.tolist()),
+        deviations_mm=tuple(body.deviations_mm.tolist()),
+        pairs=sorted(pair + 1 for pair in body.marks),
+        residual_mm=body.residual_mm,
+        is_ambiguous=body.is_ambiguous,
+    )
 
 
 def _write_aligned(pictures: LogPictures, path: Path) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from sawmill_contracts import inspections
+from sawmill_contracts import fixed_pairs, inspections
 from sawmill_contracts.declared_kinds import asked_kinds
 from sawmill_contracts.kinds import Answer, AskedKind, Reference
 from sawmill_contracts.phantoms import PhantomState
@@ -158,12 +158,22 @@ def _theta(session: Session, fields: Json) -> None:
     fields["theta"] = result["theta"]
 
 
+def _fixed_pairs(session: Session, fields: Json) -> str | None:
+    row = found_asked(session, fixed_pairs.DECLARATION, fields["fixed_pairs_id"])
+    if (state := row.job.state) in _WITHOUT_RESULT:
+        raise Conflict(
+            "fixed-pairs-without-result", f"fixed-pairs {row.id!r} {_WITHOUT_RESULT[state]} and has no places to use"
+        )
+    return None if state.ended else row.job_id
+
+
 _LOOK_UP: Mapping[Reference, Callable[[Session, Json], str | None]] = MappingProxyType(
     {
         Reference.SCAN: _scan,
         Reference.SCANNER: _scanner,
         Reference.PHANTOM: _phantom,
         Reference.CALIBRATION: _calibration,
+        Reference.FIXED_PAIRS: _fixed_pairs,
         Reference.THETA: _theta,
     }
 )

@@ -6,7 +6,7 @@ from typing import Any
 
 from sqlalchemy.orm import Session
 
-from sawmill_contracts import calibrations, kinds, mill_events
+from sawmill_contracts import calibrations, fixed_pairs, kinds, mill_events
 from sawmill_contracts.calibrations import Calibration, CalibrationResult
 from sawmill_contracts.drifts import DriftResult
 from sawmill_contracts.handed_over import HandedOver
@@ -75,6 +75,9 @@ def _of_asked(session: Session, files: FileStore, declared: AskedKind[Any, Any],
     if Reference.INSPECTION in declared.references:
         inspected = [found(session, AskedRow, "inspection", each) for each in answer.options.inspection_ids]
         fields["files"] = [files.upload(kinds.INSPECT, row.id) for row in inspected]
+    if Reference.FIXED_PAIRS in declared.references:
+        calibrated = found_asked(session, fixed_pairs.DECLARATION, answer.options.fixed_pairs_id)
+        fields["fixed_pairs"] = read_asked(fixed_pairs.DECLARATION, calibrated)
     if not hasattr(answer, "scanner_id"):
         return fields
     scanner = read_scanner(session, found(session, ScannerRow, "scanner", answer.scanner_id))

@@ -1,16 +1,14 @@
 """Whether fixed pairs still agree, by the marks of one log and the middles of the log's shadows."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 import numpy as np
 
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.pairs.log_pictures import LogPictures
-from sawmill_tomography.pairs.marks import MIDDLE_MM, MISSED, Sights, bend
+from sawmill_tomography.pairs.marks import MISSED, Sights, bend
 from sawmill_tomography.statistics import TWO_SIDED_95, exceeded_chi_square
-from sawmill_vocabulary.outlines import described
 
 # How well the middles of shadows agree where nothing has moved: scattered radiation and hardening move them
 # (benchmarks/pair_logs.py). Marks on rays that moved by about this much are still found to belong together.
@@ -24,16 +22,13 @@ STEPS = 4
 State = Literal["agree", "disagree", "unknown"]
 
 
-@dataclass(frozen=True)
-class PairAgreement:
-    """Whether the rays of all pairs meet."""
+class Agreement(NamedTuple):
+    """Whether the rays of all pairs meet, and how far those of each pair, if it alone has moved, are off."""
 
-    state: State = field(metadata=described("`agree`, `disagree`, or `unknown`: this log shows neither."))
-    moved_mm: tuple[float, ...] = field(default=(), metadata=described("How far each pair's rays have moved if alone."))
-    within_mm: tuple[float, ...] = field(default=(), metadata=described("Half of the 95 % interval of each."))
-    suspect: int | None = field(
-        default=None, metadata=described("The pair, from 1, whose motion explains it far best.")
-    )
+    state: State
+    moved_mm: tuple[float, ...] = ()
+    within_mm: tuple[float, ...] = ()  # half of the 95 % interval of each
+    suspect: int | None = None  # the pair, from 1, whose motion explains it far best
 
 
 class _Meeting(NamedTuple):
@@ -64,18 +59,18 @@ def shadow_middles(pictures: LogPictures) -> tuple[FloatArray, FloatArray]:
     return normals, distances
 
 
-def agreement(sights: Sights, tolerance_mm: float) -> PairAgreement:
+def agreement(sights: Sights, tolerance_mm: float) -> Agreement:
     """Estimate how far the rays of each pair have moved against all others, from points in which they meet.
 
     The pairs agree where no pair's motion can exceed `tolerance_mm`, with 95 %.
     """
     count = len(sights.marks)
     if count == 2:  # rays of two pairs always meet
-        return PairAgreement("unknown")
+        return Agreement("unknown")
     middles = _meeting(*shadow_middles(sights.pictures), SHADOWS_MM, range(count), count)
     still, loose = (
         [
-            _meeting(body.normals, body.distances_mm, MIDDLE_MM, [*body.marks], count)
+            _meeting(body.normals, body.distances_mm, sights.middle_mm, [*body.marks], count)
             for body in sights.bodies(moved_mm)
             if not body.is_ambiguous
         ]
@@ -99,7 +94,7 @@ def agreement(sights: Sights, tolerance_mm: float) -> PairAgreement:
             suspect = int(left.argmin()) + 1
     elif (np.abs(moved) + within).max() <= tolerance_mm:
         state = "agree"
-    return PairAgreement(state, (*moved.tolist(),), (*within.tolist(),), suspect)
+    return Agreement(state, (*moved.tolist(),), (*within.tolist(),), suspect)
 
 
 def _meeting(normals: FloatArray, distances: FloatArray, known_mm: float, pairs: Sequence[int], count: int) -> _Meeting:

@@ -97,6 +97,11 @@ class Sights:
         marks = [marks_of(lines, pictures.cells_mm, pictures.heights_mm) for lines in pictures.lines]
         return cls(pictures, marks, ray_errors_mm, scale)
 
+    @property
+    def middle_mm(self) -> float:
+        """Standard deviation of a mark's middle, whose ends are cells."""
+        return max(MIDDLE_MM, float(np.ptp(self.pictures.cells_mm[:2]) / np.sqrt(12.0)))
+
     def bodies(self, moved_mm: float = 0.0) -> list[Body]:
         """Return the bodies that enough pairs show, by height; sets of marks that fit crosswise are ambiguous.
 
@@ -146,7 +151,7 @@ class Sights:
         if len(pairs) > 2:
             distances += bend(normals, halves**2) / depths
             bent = np.zeros_like(bent)
-        known = np.hypot(np.hypot(MIDDLE_MM, bent), self.ray_errors_mm[pairs])
+        known = np.hypot(np.hypot(self.middle_mm, bent), self.ray_errors_mm[pairs])
         weighted = normals / known[:, None]
         place = np.linalg.lstsq(weighted, distances / known)[0]
         chi_square += float((((distances - normals @ place) / np.hypot(known, moved_mm)) ** 2).sum())

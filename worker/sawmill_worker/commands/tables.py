@@ -8,13 +8,13 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Column, Table
 
-from sawmill_calibration.drift_checks.pair_logs import LogOnPairs
 from sawmill_calibration.pictures import report_numbers as numbers
 from sawmill_calibration.scans.pack import ScanPack
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.drifts import DriftResult
 from sawmill_contracts.fixed_pairs import FixedPairsResult
 from sawmill_contracts.inspections import FilePart, FileVerdict, InspectedReading, InspectionResult
+from sawmill_contracts.pair_logs import LogOnPairs
 from sawmill_contracts.plans import PlanResult, RepeatabilityResult
 from sawmill_contracts.reconstructions import MethodReport
 from sawmill_formats.input.contents import PartKind

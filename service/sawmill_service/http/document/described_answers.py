@@ -38,6 +38,7 @@ _OF_REFERENCES = {
     Reference.CALIBRATION: (
         *("calibration-not-found", "calibration-without-result", "no-active-calibration", "scanner-mismatch"),
     ),
+    Reference.FIXED_PAIRS: ("fixed-pairs-not-found", "fixed-pairs-without-result"),
     Reference.THETA: ("no-active-calibration",),
 }
 

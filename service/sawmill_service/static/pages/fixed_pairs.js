@@ -1,18 +1,17 @@
-// `/fixed-pairs`: sends the files of all pairs, one after the other, and asks for the calibration.
+// `/fixed-pairs`: sends the files of all pairs, one after the other, and asks for the calibration or for a log's marks.
 import { Problem, api, enableForms, forgetUpload, nameOf, uploadInParts } from "./api.js";
 import { numberOf } from "./numbers.js";
 import { bytes, filled, language, show } from "./sending.js";
 
-const form = document.querySelector("#pairs");
 const inspections = new WeakMap(); // of files that were sent: they are not sent again after a wrong answer
 
-function chosen() {
+function chosen(form) {
   const byName = (one, other) => one.name.localeCompare(other.name, language, { numeric: true });
   return [...form.elements.files.files].sort(byName);
 }
 
-function showOrder() {
-  form.querySelector("#order").replaceChildren(...chosen().map((file) => {
+function showOrder(form) {
+  form.querySelector(".order").replaceChildren(...chosen(form).map((file) => {
     const item = document.createElement("li");
     item.textContent = file.name;
     return item;
@@ -20,7 +19,7 @@ function showOrder() {
 }
 
 // The request without the new files: as the fields say, or the earlier one whose passages are used again.
-function asked() {
+function asked(form) {
   if (form.dataset.ask) {
     return JSON.parse(form.dataset.ask);
   }
@@ -30,11 +29,11 @@ function asked() {
 }
 
 // What speaks against the files, in a sentence; null: nothing.
-function wrong(files, pairs) {
-  const words = form.dataset;
+function wrong(words, files, request) {
+  const once = Number(words.pairs), pairs = once || request.pairs.length;
   const empty = files.find((file) => file.size === 0);
   const large = files.find((file) => file.size > Number(words.maxBytes));
-  if (files.length % pairs) {
+  if (once ? files.length !== once : files.length % pairs) {
     return filled(words.count, { pairs, files: files.length });
   }
   return empty ? filled(words.empty, { name: empty.name })
@@ -50,9 +49,9 @@ async function inspection(file, onProgress, signal) {
   return inspections.get(file);
 }
 
-async function send(signal) {
-  const request = asked(), files = chosen(), bar = form.querySelector("progress");
-  const fault = wrong(files, request.pairs.length);
+async function send(form, signal) {
+  const request = asked(form), files = chosen(form), bar = form.querySelector("progress");
+  const fault = wrong(form.dataset, files, request);
   if (fault) {
     return show(form.querySelector(".problem"), fault);
   }
@@ -62,11 +61,11 @@ async function send(signal) {
     };
     request.inspection_ids.push(await inspection(file, onProgress, signal));
   }
-  location.assign(`/fixed-pairs/${(await api("POST", "/v1/fixed-pairs", request)).id}`);
+  location.assign(`/${form.dataset.to}/${(await api("POST", `/v1/${form.dataset.to}`, request)).id}`);
 }
 
 // Files that were sent before it was cancelled stay for a day, and nothing is said.
-function sentence(error) {
+function sentence(form, error) {
   if (error instanceof Problem) {
     return error.message;
   }
@@ -75,7 +74,7 @@ function sentence(error) {
 
 async function submit(event) {
   event.preventDefault();
-  const cancelling = new AbortController(), cancel = form.querySelector("#cancel");
+  const form = event.target, cancelling = new AbortController(), cancel = form.querySelector(".cancel");
   cancel.onclick = () => cancelling.abort();
   const busy = (is) => {
     form.querySelector("button.primary").disabled = is;
@@ -84,16 +83,16 @@ async function submit(event) {
   show(form.querySelector(".problem"), "");
   busy(true);
   try {
-    await send(cancelling.signal);
+    await send(form, cancelling.signal);
   } catch (error) {
-    show(form.querySelector(".problem"), sentence(error));
+    show(form.querySelector(".problem"), sentence(form, error));
   }
   busy(false);
 }
 
-if (form) {
-  form.elements.files.addEventListener("change", showOrder);
+for (const form of document.querySelectorAll("form.pairs")) {
+  form.elements.files.addEventListener("change", () => showOrder(form));
   form.addEventListener("submit", submit);
-  showOrder(); // files that were chosen before this script was there
+  showOrder(form); // files that were chosen before this script was there
 }
 enableForms();

@@ -1,0 +1,122 @@
+"""Logs on scanners of fixed pairs: requests, and the answer of the service, the command and Python."""
+
+from typing import Literal
+
+from pydantic import Field
+
+from sawmill_contracts import kinds
+from sawmill_contracts.kinds import AskedKind, Operation, Reference, stored_as
+from sawmill_platform.contracts.base import Contract, Identifier, Stamped
+from sawmill_platform.contracts.given import Given
+from sawmill_platform.contracts.jobs import Failure, JobState
+from sawmill_vocabulary import DataKind
+from sawmill_vocabulary.messages import N_
+from sawmill_vocabulary.pairs import FEWEST_PAIRS, MOST_PAIRS
+
+
+class LocatedMark(Contract):
+    """A nail, a stone or a dense knot."""
+
+    place_mm: tuple[float, float, float] = Field(description="x, y in the common frame, and height on the feed.")
+    deviations_mm: tuple[float, float, float] = Field(description="Their standard deviations.")
+    pairs: list[int] = Field(description="The pairs that show it, from 1.")
+    residual_mm: float = Field(description="RMS distance of the place from their rays.")
+    is_ambiguous: bool = Field(description="Whether its marks fit other places too, which are listed.")
+
+
+class PairAgreement(Contract):
+    """Whether the rays of all pairs meet."""
+
+    state: Literal["agree", "disagree", "unknown"] = Field(
+        description="`agree`, `disagree`, or `unknown`: this log shows neither."
+    )
+    moved_mm: list[float] = Field([], description="How far each pair's rays have moved if alone.")
+    within_mm: list[float] = Field([], description="Half of the 95 % interval of each.")
+    suspect: int | None = Field(None, description="The pair, from 1, whose motion explains it far best.")
+
+
+class LogOnPairs(Contract):
+    """What a log shows of itself, and of the pairs that it passed."""
+
+    marks: list[LocatedMark] = Field(description="By height.")
+    unplaced: int = Field(description="Number of marks in the pairs' pictures that are in no place.")
+    agreement: PairAgreement = Field(description="Whether the pairs still agree.")
+
+
+class PairLogOptions(Contract):
+    """Options of a log on fixed pairs."""
+
+    fixed_pairs_id: Identifier = Field(
+        description="Id of the calibration that found the places of the pairs.", examples=["example-pairs"]
+    )
+    inspection_ids: list[Identifier] = Field(
+        min_length=FEWEST_PAIRS,
+        max_length=MOST_PAIRS,
+        description="Ids of the inspections that received the files: one for each pair, in the order of the "
+        "calibration's, with one view, whose rows run along the feed.",
+        examples=[["example-log-1", "example-log-2"]],
+    )
+    data: DataKind = Field(description="Kind of the numbers in all files; never guessed.", examples=["counts"])
+    tolerance_mm: float = Field(
+        1.0, ge=0.01, le=100, description="The pairs agree where none can have moved by more than this, mm."
+    )
+
+
+class PairLogRequest(PairLogOptions, Given):
+    """Request to find the marks of a log that passed a calibrated scanner of fixed pairs."""
+
+
+class PairLogLinks(Contract):
+    """Links to related resources."""
+
+    self: str = Field(description="Path of the log.", examples=["/v1/pair-logs/example"])
+    job: str = Field(description="Path of the log's job.", examples=["/v1/jobs/example"])
+    marks: str = Field(description="Path of the drawing.", examples=["/v1/pair-logs/example/marks.png"])
+
+
+class PairLog(Stamped):
+    """A log on fixed pairs in its present state."""
+
+    state: JobState = Field(description="State of the job.", examples=["succeeded"])
+    job_id: Identifier = Field(description="Id of the job that computes the result.", examples=["example"])
+    options: PairLogOptions = Field(description="Options of the request.")
+    result: LogOnPairs | None = Field(None, description="The answer. Null: there is none yet.")
+    failure: Failure | None = Field(None, description="Reason of the failure. Null: the job has not failed.")
+    links: PairLogLinks | None = Field(None, description="Links to the drawing and related resources.")
+
+
+DECLARATION = AskedKind(
+    kind=kinds.LOCATE_MARKS,
+    noun="pair-log",
+    label=N_("Log on fixed pairs"),
+    about="Logs that passed a calibrated scanner of fixed pairs: marks in three dimensions, and whether pairs agree.",
+    lighter="give files with fewer rows",
+    ask=PairLogRequest,
+    options=PairLogOptions,
+    result=LogOnPairs,
+    answer=PairLog,
+    read=stored_as(PairLog),
+    links=PairLogLinks,
+    files={"marks": "marks.png"},
+    references=(Reference.INSPECTION, Reference.FIXED_PAIRS),
+    is_short=lambda _: True,
+    blocks_deletion=False,
+    to_ask=Operation(
+        "Find a log's nails and stones on a scanner of fixed pairs",
+        "Find what is denser than wood in three dimensions, and whether the pairs still agree. Send each file to "
+        "`POST /v1/inspections` first.",
+        {
+            "body": {
+                "fixed_pairs_id": "example-pairs",
+                "inspection_ids": ["example-log-1", "example-log-2"],
+                "data": "counts",
+            }
+        },
+    ),
+    to_list=Operation("List logs on fixed pairs, newest first", "All of them, or a selection by state."),
+    to_get=Operation(
+        "Get a log on fixed pairs",
+        "State of the job, and once it has succeeded the places of the marks.",
+        {"pair_log_id": "example-log"},
+    ),
+)
