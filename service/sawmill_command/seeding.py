@@ -1,6 +1,6 @@
 """Example resources in a new data folder, so that the console's "Try it out" works at once.
 
-Their scans are files that `sawmill_command.examples` has simulated, so that the service need not load the science.
+Their scans are files that `docs/tools/example_files.py` has simulated, so that the service need not load the science.
 """
 
 import shutil

@@ -10,10 +10,10 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from example_files import record
 
 import sawmill_service
 import sawmill_worker
-from sawmill_command.examples import record
 from sawmill_command.seeding import PHANTOM_FILE, RECORDED, RECORDED_LOG, RECORDED_PAIRS, STACK_FILE, seed_examples
 from sawmill_platform.settings import StorageSettings
 from sawmill_store.store import Store

@@ -1,7 +1,5 @@
 """Everything that a mill stores, behind one object."""
 
-import time
-from collections.abc import Callable
 from typing import Self
 
 from sqlalchemy import select
@@ -90,9 +88,9 @@ class Store(JobServiceStore):
         """Return the store of the requests of one kind."""
         return Asked(self.database, self.files, self.places, declared)
 
-    def retention_keeper(self, *, now_s: Callable[[], float] = time.monotonic) -> RetentionKeeper:
-        """Return the remover of everything that the rules of retention reach; `now_s` is its clock, seconds."""
-        return RetentionKeeper(self.database, self.files, now_s=now_s)
+    def retention_keeper(self) -> RetentionKeeper:
+        """Return the remover of everything that the rules of retention reach."""
+        return RetentionKeeper(self.database, self.files)
 
     @classmethod
     def open(cls, settings: StorageSettings, *, clock: Clock | None = None, may_begin: bool = True) -> Self:

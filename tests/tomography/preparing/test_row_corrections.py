@@ -135,9 +135,3 @@ def test_rings_of_unequal_cells_go_and_the_log_stays(many_views, sinogram_of_a_l
 def test_what_is_alike_in_all_cells_is_left_alone():
     ramp = np.linspace(0.0, 1.0, 40, dtype=np.float32)[:, None] + np.linspace(0.0, 2.0, 60, dtype=np.float32)
     np.testing.assert_array_equal(remove_rings(ramp), ramp)
-
-
-@pytest.mark.parametrize("window", [1, 4])
-def test_a_window_must_be_odd(sinogram_of_a_log, window):
-    with pytest.raises(ValueError, match=f"odd number of cells from 3 on, not {window}"):
-        remove_rings(sinogram_of_a_log, window)

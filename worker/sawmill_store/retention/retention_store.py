@@ -1,7 +1,7 @@
 """Rules of retention: kept as one row, previewed, put into force with a confirmed number, and carried out."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -153,11 +153,10 @@ class RetentionKeeper:
     keeps a row.
     """
 
-    def __init__(self, database: Database, files: FileStore, *, now_s: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, database: Database, files: FileStore) -> None:
         self._database = database
         self._files = files
-        self._now_s = now_s
-        self._due_s = now_s()
+        self._due_s = time.monotonic()
         self._revision: int | None = None
         self._reached: list[tuple[RetentionKind, ColumnElement[bool]]] = []
 
@@ -165,8 +164,8 @@ class RetentionKeeper:
         """Remove the next batch, if there is one; the rules are read every ten minutes, and after a change."""
         with self._database.read() as session:
             revision = session.scalar(select(RetentionRow.revision).where(RetentionRow.number == THE_ROW))
-        if revision != self._revision or self._now_s() >= self._due_s:
-            self._due_s, self._revision, self._reached = self._now_s() + EVERY_S, revision, self._find_reached()
+        if revision != self._revision or time.monotonic() >= self._due_s:
+            self._due_s, self._revision, self._reached = time.monotonic() + EVERY_S, revision, self._find_reached()
         while self._reached:
             kind, reached = self._reached.pop(0)
             removed, is_full = self._remove_batch(kind, REMOVABLE_ROWS[kind], reached)

@@ -161,6 +161,10 @@ def empty_body() -> Refused:
     return Refused(422, "empty-body", "the body is empty: send the file's bytes as the body")
 
 
+# What is discarded of a body after the answer.
+_MOST_UNREAD_BYTES, _LONGEST_UNREAD_S = 2**26, 30.0
+
+
 def has_body(headers: Headers) -> bool:
     """Return whether a request announces a body."""
     return headers.get("content-length", "0") != "0" or "transfer-encoding" in headers
@@ -172,10 +176,6 @@ class UnreadBodies(Middleware):
     A client that sends its whole body before it reads gets the answer. After an answer that ends the connection itself,
     the rest of the body is not read.
     """
-
-    def __init__(self, app: ASGIApp, *, most_bytes: int = 2**26, longest_s: float = 30.0) -> None:
-        super().__init__(app)
-        self.most_bytes, self.longest_s = most_bytes, longest_s
 
     async def _answer(self, scope: Scope, receive: Receive, send: Send) -> None:
         if not has_body(Headers(scope=scope)):
@@ -202,9 +202,9 @@ class UnreadBodies(Middleware):
         await self.app(scope, receive_noted, send_all_but_the_end)
         if answered:
             with suppress(TimeoutError):
-                async with asyncio.timeout(self.longest_s):
+                async with asyncio.timeout(_LONGEST_UNREAD_S):
                     received = 0
-                    while not came_whole and received <= self.most_bytes:
+                    while not came_whole and received <= _MOST_UNREAD_BYTES:
                         received += len((await receive_noted()).get("body", b""))
             await send({"type": "http.response.body", "body": b""})
 

@@ -22,7 +22,7 @@ from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.charts import DEVIATIONS, MOST_LINES, Span, is_calibration, trend_chart
 from sawmill_service.pages.frame.languages import Word, marked
 from sawmill_service.pages.frame.page_frame import ThePage
-from sawmill_service.pages.lists import SHOWN, DaySpan, TheSpan
+from sawmill_service.pages.lists import Cursor, DaySpan
 from sawmill_service.pages.scanners.scanner import SPANS
 from sawmill_service.pages.scanners.scanner_form import FIELDS
 from sawmill_store.store import Store
@@ -76,13 +76,13 @@ router = Router(include_in_schema=False, reading=Scope.READ)
 class ShownHistory(DaySpan):
     """Selection of the entries that the page lists, and the span of the chart."""
 
-    kind: HistoryKind | None  # None: all kinds
-    days: float
-    after: str | None  # cursor of the previous page
+    kind: HistoryKind | Literal[""] = ""  # empty: all kinds
+    days: Annotated[float, Query(ge=0.1, le=3660)] = 365
+    after: Cursor = ""  # cursor of the previous page
 
     def arguments(self) -> dict[str, Any]:
         """Return the selection as arguments for the store."""
-        return {"kind": self.kind, **self.bounds()}
+        return {"kind": self.kind or None, **self.bounds()}
 
     def address(self, **changes: str | float | None) -> str:
         """Return the query of this page with some values changed; from the first entries on unless `after` is given."""
@@ -97,25 +97,15 @@ class ShownHistory(DaySpan):
         return "?" + urlencode(times) if times else ""
 
 
-def _shown(
-    span: TheSpan,
-    kind: HistoryKind | Literal[""] = "",
-    days: Annotated[float, Query(ge=0.1, le=3660)] = 365,
-    after: Annotated[str, Query(max_length=200, pattern=SHOWN)] = "",
-) -> ShownHistory:
-    """Read the selection from a form, which sends an empty text for an empty field."""
-    return ShownHistory(**vars(span), kind=kind or None, days=days, after=after or None)
-
-
 @router.get("/scanners/{scanner_id}/history")
 def scanner_history(
-    scanner_id: Identifier, page: ThePage, store: TheStore, shown: Annotated[ShownHistory, Depends(_shown)]
+    scanner_id: Identifier, page: ThePage, store: TheStore, shown: Annotated[ShownHistory, Depends()]
 ) -> HTMLResponse:
     """Show the whole page."""
     stored, span = store.scanners.get(scanner_id), Span.until(datetime.now(UTC), shown.days)
     movements, total = store.measurements.movements_of(scanner_id, span.start, span.end)
     marks, opened = store.history.marks(scanner_id, span.start), store.alarms.open(scanner_id=scanner_id)
-    found = store.history.page(scanner_id, **shown.arguments(), after=shown.after, limit=PER_PAGE)
+    found = store.history.page(scanner_id, **shown.arguments(), after=shown.after or None, limit=PER_PAGE)
     return page.answer(
         "scanner_history.html",
         scanner=stored,

@@ -19,7 +19,7 @@ from sawmill_service.dependencies import TheSettings, TheStore
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.frame.languages import marked
 from sawmill_service.pages.frame.page_frame import ThePage
-from sawmill_service.pages.lists import SHOWN, DaySpan, TheSpan
+from sawmill_service.pages.lists import Cursor, DaySpan
 from sawmill_service.pages.system.system_parts import clock_remarks, disk_of, limits_of, queue_of, versions, workers_of
 from sawmill_service.routes.health import Readiness, broker_of, health_of
 
@@ -32,36 +32,25 @@ _LOGINS = (event_kinds.LOGGED_IN, event_kinds.LOGGED_OUT)
 class AuditFilter(DaySpan):
     """Selection of the entries that the page lists."""
 
-    who: str  # name of the actor; empty: everybody
-    action: EventType | None  # kind of the action; None: all kinds
-    logins: str  # not empty: log-ins and log-outs too
-    after: str | None  # cursor of the previous page
+    who: Annotated[str, Query(max_length=200)] = ""  # name of the actor; empty: everybody
+    action: EventType | Literal[""] = ""  # kind of the action; empty: all kinds
+    logins: Annotated[str, Query(max_length=10)] = ""  # not empty: log-ins and log-outs too
+    after: Cursor = ""  # cursor of the previous page
 
     def arguments(self) -> dict[str, Any]:
         """Return the selection as arguments for the audit."""
         without = () if self.logins or self.action in _LOGINS else _LOGINS
         return {
             "who": self.who or None,
-            "action": self.action,
+            "action": self.action or None,
             "without": without,
-            "after": self.after,
+            "after": self.after or None,
             **self.bounds(),
         }
 
     def address(self, after: str | None = None) -> str:
         """Return the query of this page from the first entry on, or from a cursor on."""
         return "?" + urlencode({name: value for name, value in (vars(self) | {"after": after}).items() if value})
-
-
-def read_filter(
-    span: TheSpan,
-    who: Annotated[str, Query(max_length=200)] = "",
-    action: EventType | Literal[""] = "",
-    logins: Annotated[str, Query(max_length=10)] = "",
-    after: Annotated[str, Query(max_length=200, pattern=SHOWN)] = "",
-) -> AuditFilter:
-    """Read the selection from a form, which sends an empty text for an empty field."""
-    return AuditFilter(**vars(span), who=who, action=action or None, logins=logins, after=after or None)
 
 
 class EntryValue(NamedTuple):
@@ -172,7 +161,7 @@ def keys() -> RedirectResponse:
 
 
 @router.get("/audit", needs=Scope.ADMIN)
-def audit(page: ThePage, store: TheStore, shown: Annotated[AuditFilter, Depends(read_filter)]) -> HTMLResponse:
+def audit(page: ThePage, store: TheStore, shown: Annotated[AuditFilter, Depends()]) -> HTMLResponse:
     """Show who did what, the newest first, with a filter."""
     return page.answer(
         "audit.html",
