@@ -8,12 +8,11 @@ from pydantic import Field
 from sawmill_contracts import kinds
 from sawmill_contracts.choices import DisturbedPart, DriftMethod, DriftReference
 from sawmill_contracts.geometry import Covariance, ScannerConstants
-from sawmill_contracts.kinds import AskedKind, Operation, Reference, stored_as
+from sawmill_contracts.kinds import AskedKind, JobAnswer, Operation, Reference, stored_as
 from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.row_ranges import Rows
-from sawmill_platform.contracts.base import Contract, Identifier, Sha256, Stamped, Time, link
+from sawmill_platform.contracts.base import Contract, Identifier, Sha256, Time, link
 from sawmill_platform.contracts.given import Given
-from sawmill_platform.contracts.jobs import Failure, JobState
 from sawmill_vocabulary import DetectorEstimate, Rotation, Theta
 from sawmill_vocabulary.messages import N_
 from sawmill_vocabulary.uncertainty import ContrastLoss
@@ -314,20 +313,14 @@ class DriftLinks(Contract):
     )
 
 
-class Drift(Stamped):
+class Drift(JobAnswer[StoredDriftOptions, DriftResult, DriftLinks]):
     """A drift check in its present state."""
 
-    state: JobState = Field(description="State of the job.", examples=["succeeded"])
     scanner_id: Identifier = Field(description="Id of the scanner.")
     scan_id: Identifier = Field(description="Id of the scan.")
     calibration_id: Identifier | None = Field(
         description="Id of the calibration to compare with; null: the imported geometry."
     )
-    job_id: Identifier = Field(description="Id of the job that computes the result.")
-    options: StoredDriftOptions = Field(description="Options of the request.")
-    result: DriftResult | None = Field(None, description="The answer. Null: there is none yet.")
-    failure: Failure | None = Field(None, description="Reason of the failure. Null: the job has not failed.")
-    links: DriftLinks | None = Field(None, description="Links to the drift check and related resources.")
 
 
 DECLARATION = AskedKind(

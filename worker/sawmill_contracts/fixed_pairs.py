@@ -8,11 +8,10 @@ from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import CalibrationLimits
 from sawmill_contracts.choices import Verdict
 from sawmill_contracts.geometry import ReportedSourceFrame, SourceFrameDeviation
-from sawmill_contracts.kinds import AskedKind, Operation, Reference, stored_as
+from sawmill_contracts.kinds import AskedKind, JobAnswer, Operation, Reference, stored_as
 from sawmill_contracts.reasons import CodedReason
-from sawmill_platform.contracts.base import Contract, Identifier, Stamped
+from sawmill_platform.contracts.base import Contract, Identifier
 from sawmill_platform.contracts.given import Given
-from sawmill_platform.contracts.jobs import Failure, JobState
 from sawmill_vocabulary import CellOrder, DataKind, FixedPair, Handedness
 from sawmill_vocabulary.messages import N_
 from sawmill_vocabulary.pairs import FEWEST_PAIRS, MOST_PAIRS
@@ -121,16 +120,10 @@ class FixedPairsLinks(Contract):
     phantom: str = Field(description="Path of the phantom.", examples=["/v1/phantoms/l-shape"])
 
 
-class FixedPairs(Stamped):
+class FixedPairs(JobAnswer[StoredFixedPairsOptions, FixedPairsResult, FixedPairsLinks]):
     """A calibration of fixed pairs in its present state."""
 
-    state: JobState = Field(description="State of the job.", examples=["succeeded"])
     phantom_id: Identifier = Field(description="Id of the phantom.", examples=["l-shape"])
-    job_id: Identifier = Field(description="Id of the job that computes the result.", examples=["example"])
-    options: StoredFixedPairsOptions = Field(description="Options of the request.")
-    result: FixedPairsResult | None = Field(None, description="The answer. Null: there is none yet.")
-    failure: Failure | None = Field(None, description="Reason of the failure. Null: the job has not failed.")
-    links: FixedPairsLinks | None = Field(None, description="Links to the drawing and related resources.")
 
 
 _PLACE = {"source_distance_mm": 860, "source_to_detector_mm": 1570, "num_detector_pixels": 192}

@@ -8,11 +8,11 @@ from typing import Any
 from pydantic import Field
 
 from sawmill_contracts import kinds
-from sawmill_contracts.kinds import AskedKind, Operation
+from sawmill_contracts.kinds import AskedKind, JobAnswer, Operation
 from sawmill_contracts.scans import AnglesText, Axes, Dataset, ReadingRemarks, ScanShape, Transpose
-from sawmill_platform.contracts.base import Contract, Identifier, Name, Sha256, Stamped, Time, link
+from sawmill_platform.contracts.base import Contract, Identifier, Name, Sha256, Time, link
 from sawmill_platform.contracts.given import Given
-from sawmill_platform.contracts.jobs import Failure, JobState
+from sawmill_platform.contracts.jobs import Failure
 from sawmill_vocabulary import DataKind, DetectorModule
 from sawmill_vocabulary.messages import N_
 
@@ -211,19 +211,13 @@ class InspectionLinks(Contract):
     job: str = link("the inspection's job", "jobs/example")
 
 
-class Inspection(Stamped):
+class Inspection(JobAnswer[InspectedFile, InspectionResult, InspectionLinks]):
     """An inspection in its present state. It succeeds also for an unreadable file: its result has the reason."""
 
-    state: JobState = Field(description="State of the job.", examples=["succeeded"])
-    job_id: Identifier = Field(description="Id of the job that inspects the file.")
-    options: InspectedFile = Field(description="The file, and how it would be read.")
     file_kept_until: Time = Field(
         description="Time until which scans can be made from the file, RFC 3339, UTC.",
         examples=["2026-03-03T05:30:00Z"],
     )
-    result: InspectionResult | None = Field(None, description="Result of the inspection. Null: there is none yet.")
-    failure: Failure | None = Field(None, description="Reason of the failure. Null: the job has not failed.")
-    links: InspectionLinks | None = Field(None, description="Links to the inspection and its job.")
 
 
 def _read(record: Mapping[str, Any]) -> Inspection:

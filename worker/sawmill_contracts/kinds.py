@@ -13,13 +13,18 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, Generic, TypeVar
 
-from sawmill_platform.contracts.base import Contract
-from sawmill_platform.contracts.jobs import JobKind
+from pydantic import Field
+
+from sawmill_platform.contracts.base import Contract, Identifier, Stamped
+from sawmill_platform.contracts.jobs import Failure, JobKind, JobState
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.contracts.kind_declarations import KindDeclaration
 
 Ask = TypeVar("Ask", bound=Contract)
 Answer = TypeVar("Answer", bound=Contract)
+Options = TypeVar("Options", bound=Contract)
+Result = TypeVar("Result", bound=Contract)
+Links = TypeVar("Links", bound=Contract)
 
 
 class Reference(StrEnum):
@@ -36,6 +41,17 @@ class Reference(StrEnum):
     CALIBRATION = "calibration"
     FIXED_PAIRS = "fixed-pairs"  # `fixed_pairs_id`
     THETA = "theta"  # `theta`, or the theta of the scanner's active calibration
+
+
+class JobAnswer(Stamped, Generic[Options, Result, Links]):
+    """What a client asked for, and the answer once its job has succeeded."""
+
+    state: JobState = Field(description="State of the job.", examples=["succeeded"])
+    job_id: Identifier = Field(description="Id of the job that computes the result.", examples=["example"])
+    options: Options = Field(description="Options of the request.")
+    result: Result | None = Field(None, description="The answer. Null: there is none yet.")
+    failure: Failure | None = Field(None, description="Reason of the failure. Null: the job has not failed.")
+    links: Links | None = Field(None, description="Links to files and related resources.")
 
 
 @dataclass(frozen=True)

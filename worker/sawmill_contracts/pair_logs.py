@@ -5,10 +5,9 @@ from typing import Literal
 from pydantic import Field
 
 from sawmill_contracts import kinds
-from sawmill_contracts.kinds import AskedKind, Operation, Reference, stored_as
-from sawmill_platform.contracts.base import Contract, Identifier, Stamped
+from sawmill_contracts.kinds import AskedKind, JobAnswer, Operation, Reference, stored_as
+from sawmill_platform.contracts.base import Contract, Identifier
 from sawmill_platform.contracts.given import Given
-from sawmill_platform.contracts.jobs import Failure, JobState
 from sawmill_vocabulary import DataKind
 from sawmill_vocabulary.messages import N_
 from sawmill_vocabulary.pairs import FEWEST_PAIRS, MOST_PAIRS
@@ -74,15 +73,8 @@ class PairLogLinks(Contract):
     marks: str = Field(description="Path of the drawing.", examples=["/v1/pair-logs/example/marks.png"])
 
 
-class PairLog(Stamped):
+class PairLog(JobAnswer[PairLogOptions, LogOnPairs, PairLogLinks]):
     """A log on fixed pairs in its present state."""
-
-    state: JobState = Field(description="State of the job.", examples=["succeeded"])
-    job_id: Identifier = Field(description="Id of the job that computes the result.", examples=["example"])
-    options: PairLogOptions = Field(description="Options of the request.")
-    result: LogOnPairs | None = Field(None, description="The answer. Null: there is none yet.")
-    failure: Failure | None = Field(None, description="Reason of the failure. Null: the job has not failed.")
-    links: PairLogLinks | None = Field(None, description="Links to the drawing and related resources.")
 
 
 DECLARATION = AskedKind(

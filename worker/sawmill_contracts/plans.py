@@ -7,11 +7,10 @@ from pydantic import Field
 from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import PredictedRayError, StandardDeviation
 from sawmill_contracts.geometry import Covariance, GivenTheta, ReportedSourceFrame, ScannerConstants
-from sawmill_contracts.kinds import AskedKind, Operation, Reference, stored_as
+from sawmill_contracts.kinds import AskedKind, JobAnswer, Operation, Reference, stored_as
 from sawmill_contracts.phantoms import SizeTolerancePercent
-from sawmill_platform.contracts.base import Contract, Identifier, Stamped, link
+from sawmill_platform.contracts.base import Contract, Identifier, link
 from sawmill_platform.contracts.given import Given
-from sawmill_platform.contracts.jobs import Failure, JobState
 from sawmill_vocabulary import Theta
 from sawmill_vocabulary.messages import N_
 
@@ -101,17 +100,11 @@ class PlanLinks(Contract):
     phantom: str = link("the phantom", "phantoms/l-shape")
 
 
-class Plan(Stamped):
+class Plan(JobAnswer[StoredPlanOptions, PlanResult, PlanLinks]):
     """A plan in its present state."""
 
-    state: JobState = Field(description="State of the job.", examples=["succeeded"])
     phantom_id: Identifier = Field(description="Id of the phantom.", examples=["l-shape"])
     scanner_id: Identifier = Field(description="Id of the scanner.")
-    job_id: Identifier = Field(description="Id of the job that computes the result.")
-    options: StoredPlanOptions = Field(description="Options of the request.")
-    result: PlanResult | None = Field(None, description="The answer. Null: there is none yet.")
-    failure: Failure | None = Field(None, description="Reason of the failure. Null: the job has not failed.")
-    links: PlanLinks | None = Field(None, description="Links to the plan and related resources.")
 
 
 DECLARATION = AskedKind(

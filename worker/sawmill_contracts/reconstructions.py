@@ -10,12 +10,11 @@ from pydantic.fields import FieldInfo
 from sawmill_contracts import kinds
 from sawmill_contracts.choices import MetalTreatment, Weighting
 from sawmill_contracts.geometry import GivenTheta, PositiveMm
-from sawmill_contracts.kinds import AskedKind, Operation, Reference, stored_as
+from sawmill_contracts.kinds import AskedKind, JobAnswer, Operation, Reference, stored_as
 from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.row_ranges import ChosenViews, SteppedRows
-from sawmill_platform.contracts.base import LARGEST_NUMBER, Contract, Identifier, Name, OutOfUse, Sha256, Stamped, link
+from sawmill_platform.contracts.base import LARGEST_NUMBER, Contract, Identifier, Name, OutOfUse, Sha256, link
 from sawmill_platform.contracts.given import Given
-from sawmill_platform.contracts.jobs import Failure, JobState
 from sawmill_platform.contracts.kind_declarations import Schema, bounded, one_of, require, without
 from sawmill_vocabulary import (
     LARGEST_MM,
@@ -530,10 +529,9 @@ class ReconstructionLinks(Contract):
     thumbnail: str = link("the small picture", "reconstructions/example/thumbnail.png")
 
 
-class Reconstruction(Stamped):
+class Reconstruction(JobAnswer[StoredReconstructionOptions, ReconstructionResult, ReconstructionLinks]):
     """A reconstruction and its state."""
 
-    state: JobState = Field(description="State of the job.", examples=["succeeded"])
     name: Name | None = Field(
         None,
         description="Name that somebody gave it. Null: nobody did, and pages name it by scanner, number and time.",
@@ -549,11 +547,6 @@ class Reconstruction(Stamped):
     calibration_id: Identifier | None = Field(
         description="Id of the calibration. Null: a theta was given, or a new scanner has none yet."
     )
-    job_id: Identifier = Field(description="Id of the job that computes the result.")
-    options: StoredReconstructionOptions = Field(description="Options of the request.")
-    result: ReconstructionResult | None = Field(None, description="The answer. Null: there is none yet.")
-    failure: Failure | None = Field(None, description="Reason of the failure. Null: the job has not failed.")
-    links: ReconstructionLinks | None = Field(None, description="Links to the reconstruction and its files.")
 
 
 DECLARATION = AskedKind(
