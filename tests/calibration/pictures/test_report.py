@@ -320,9 +320,9 @@ def test_a_gap_between_outlines_is_not_drawn():
 def test_the_table_has_each_value_with_its_deviation():
     spreads = {"theta": dict.fromkeys(THETA, 0.01), "source_frame": dict.fromkeys(FRAME, 0.02)}
     table = dict(calibration_table(answer(standard_deviation=spreads)))
-    assert (table["source distance R"], table["first angle alpha0"]) == ("917.100 ± 0.02 mm", "146.1042 ± 0.57 °")
-    assert table["detector tilt alpha_D"] == "15.6954 ± 0.53 °"
+    assert (table["source to COR R"], table["first angle alpha_0"]) == ("917.100 mm ± 0.02 mm", "146.1042° ± 0.57°")
+    assert table["detector tilt alpha_D"] == "15.6954° ± 0.53°"
     assert table["  next best"] == "from-behind / as-given, 0.10% unexplained"
     bare = dict(calibration_table(answer(standard_deviation=None, predicted_ray_error_mm=None)))
-    assert bare["source distance R"] == "917.100 mm"
+    assert bare["source to COR R"] == "917.100 mm no error bar"
     assert "predicted ray error" not in bare
