@@ -23,10 +23,11 @@ if TYPE_CHECKING:
     from sawmill_calibration.simulation import simulate_log_scan, simulate_phantom_scan
     from sawmill_calibration.view_vectors import read_views
     from sawmill_contracts.fixed_pairs import BoardPose, CalibratedPair, FixedPairsResult
-    from sawmill_contracts.pair_logs import LocatedMark, LogOnPairs, PairAgreement
+    from sawmill_contracts.pair_logs import LogOnPairs
     from sawmill_tomography.geometry.geometry import FanBeamGeometry, FanViews
     from sawmill_tomography.phantoms.phantom import Phantom
     from sawmill_vocabulary import Disc, FixedPair, PairedScanner, Polygon, Scanner, Theta
+    from sawmill_vocabulary.pairs import LocatedMark, PairAgreement
 
     __version__: str
 
@@ -75,7 +76,8 @@ _MODULES = {
     "sawmill_calibration.scans.scan": ("Scan", "read_scan"),
     "sawmill_calibration.simulation": ("simulate_log_scan", "simulate_phantom_scan"),
     "sawmill_contracts.fixed_pairs": ("BoardPose", "CalibratedPair", "FixedPairsResult"),
-    "sawmill_contracts.pair_logs": ("LocatedMark", "LogOnPairs", "PairAgreement"),
+    "sawmill_contracts.pair_logs": ("LogOnPairs",),
+    "sawmill_vocabulary.pairs": ("LocatedMark", "PairAgreement"),
     "sawmill_tomography.geometry.geometry": ("FanBeamGeometry", "FanViews"),
     "sawmill_calibration.view_vectors": ("read_views",),
     "sawmill_tomography.phantoms.phantom": ("Phantom",),

@@ -1,7 +1,5 @@
 """Logs on scanners of fixed pairs: requests, and the answer of the service, the command and Python."""
 
-from typing import Literal
-
 from pydantic import Field
 
 from sawmill_contracts import kinds
@@ -10,28 +8,7 @@ from sawmill_platform.contracts.base import Contract, Identifier
 from sawmill_platform.contracts.given import Given
 from sawmill_vocabulary import DataKind
 from sawmill_vocabulary.messages import N_
-from sawmill_vocabulary.pairs import FEWEST_PAIRS, MOST_PAIRS
-
-
-class LocatedMark(Contract):
-    """A nail, a stone or a dense knot."""
-
-    place_mm: tuple[float, float, float] = Field(description="x, y in the common frame, and height on the feed.")
-    deviations_mm: tuple[float, float, float] = Field(description="Their standard deviations.")
-    pairs: list[int] = Field(description="The pairs that show it, from 1.")
-    residual_mm: float = Field(description="RMS distance of the place from their rays.")
-    is_ambiguous: bool = Field(description="Whether its marks fit other places too, which are listed.")
-
-
-class PairAgreement(Contract):
-    """Whether the rays of all pairs meet."""
-
-    state: Literal["agree", "disagree", "unknown"] = Field(
-        description="`agree`, `disagree`, or `unknown`: this log shows neither."
-    )
-    moved_mm: list[float] = Field([], description="How far each pair's rays have moved if alone.")
-    within_mm: list[float] = Field([], description="Half of the 95 % interval of each.")
-    suspect: int | None = Field(None, description="The pair, from 1, whose motion explains it far best.")
+from sawmill_vocabulary.pairs import FEWEST_PAIRS, MOST_PAIRS, LocatedMark, PairAgreement
 
 
 class LogOnPairs(Contract):

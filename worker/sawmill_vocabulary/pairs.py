@@ -5,7 +5,7 @@ Axes, signs and formulas: docs/look-up/conventions.md#pairs.
 
 import math
 from dataclasses import dataclass, field, fields, replace
-from typing import Self
+from typing import Literal, Self
 
 from sawmill_vocabulary.choices import CellOrder
 from sawmill_vocabulary.geometry import LARGEST_MM, TAU, DetectorModule, GeometryError, Scanner, SourceFrame
@@ -133,3 +133,32 @@ class PairedScanner(AsContract):
             raise GeometryError(
                 f"a scanner of fixed pairs has {FEWEST_PAIRS} to {MOST_PAIRS} pairs, not {len(self.pairs)}"
             )
+
+
+@dataclass(frozen=True)
+class LocatedMark(AsContract):
+    """A nail, a stone or a dense knot."""
+
+    place_mm: tuple[float, float, float] = field(
+        metadata=described("x, y in the common frame, and height on the feed, mm.")
+    )
+    deviations_mm: tuple[float, float, float] = field(metadata=described("Their standard deviations, mm."))
+    pairs: tuple[int, ...] = field(metadata=described("The pairs that show it, from 1."))
+    residual_mm: float = field(metadata=described("RMS distance of the place from their rays, mm."))
+    is_ambiguous: bool = field(metadata=described("Whether its marks fit other places too, which are listed."))
+
+
+@dataclass(frozen=True)
+class PairAgreement(AsContract):
+    """Whether the rays of all pairs meet."""
+
+    state: Literal["agree", "disagree", "unknown"] = field(
+        metadata=described("`agree`, `disagree`, or `unknown`: this log shows neither.")
+    )
+    moved_mm: tuple[float, ...] = field(
+        default=(), metadata=described("How far each pair's rays have moved if alone, mm.")
+    )
+    within_mm: tuple[float, ...] = field(default=(), metadata=described("Half of the 95 % interval of each, mm."))
+    suspect: int | None = field(
+        default=None, metadata=described("The pair, from 1, whose motion explains it far best. Null: none does.")
+    )

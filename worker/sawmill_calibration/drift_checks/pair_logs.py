@@ -11,14 +11,15 @@ from sawmill_calibration.failures import input_errors_translated, read_json, ref
 from sawmill_calibration.scans.scan_rows import ScanSource, unreported
 from sawmill_calibration.view_vectors import vectors_of
 from sawmill_contracts.fixed_pairs import FixedPairsResult
-from sawmill_contracts.pair_logs import LocatedMark, LogOnPairs, PairAgreement
+from sawmill_contracts.pair_logs import LogOnPairs
 from sawmill_formats.output.scan_writer import new_scan
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.pairs.agreement import agreement
 from sawmill_tomography.pairs.log_pictures import LogPictures, log_pictures
-from sawmill_tomography.pairs.marks import Body, Sights
+from sawmill_tomography.pairs.marks import Sights
 from sawmill_tomography.statistics import TWO_SIDED_95
 from sawmill_vocabulary import CellOrder, DataKind, PairedScanner, ProgressCallback
+from sawmill_vocabulary.pairs import LocatedMark
 
 
 def locate_marks(
@@ -115,18 +116,17 @@ def log_on_pairs(
     bodies = sights.bodies()
     placed = {mark for body in bodies for mark in body.marks.items()}
     unplaced = sum(map(len, sights.marks)) - len(placed)
-    agreed = PairAgreement.model_validate(agreement(sights, tolerance_mm)._asdict())
-    return LogOnPairs(marks=[*map(_located, bodies)], unplaced=unplaced, agreement=agreed)
-
-
-def _located(body: Body) -> LocatedMark:
-    return LocatedMark(
-        place_mm=tuple(body.place_mm.tolist()),
-        deviations_mm=tuple(body.deviations_mm.tolist()),
-        pairs=sorted(pair + 1 for pair in body.marks),
-        residual_mm=body.residual_mm,
-        is_ambiguous=body.is_ambiguous,
-    )
+    marks = [
+        LocatedMark(
+            place_mm=tuple(body.place_mm.tolist()),
+            deviations_mm=tuple(body.deviations_mm.tolist()),
+            pairs=(*sorted(pair + 1 for pair in body.marks),),
+            residual_mm=body.residual_mm,
+            is_ambiguous=body.is_ambiguous,
+        )
+        for body in bodies
+    ]
+    return LogOnPairs(marks=marks, unplaced=unplaced, agreement=agreement(sights, tolerance_mm))
 
 
 def _write_aligned(pictures: LogPictures, path: Path) -> None:

@@ -1,7 +1,7 @@
 """Whether fixed pairs still agree, by the marks of one log and the middles of the log's shadows."""
 
 from collections.abc import Sequence
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -9,6 +9,7 @@ from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.pairs.log_pictures import LogPictures
 from sawmill_tomography.pairs.marks import MISSED, Sights, bend
 from sawmill_tomography.statistics import TWO_SIDED_95, exceeded_chi_square
+from sawmill_vocabulary.pairs import PairAgreement
 
 # How well the middles of shadows agree where nothing has moved: scattered radiation and hardening move them
 # (benchmarks/pair_logs.py). Marks on rays that moved by about this much are still found to belong together.
@@ -19,16 +20,6 @@ COMMON_MM = 0.15
 EXPLAINED = 0.25
 # Steps in which the middle of the shadows settles to a micrometre.
 STEPS = 4
-State = Literal["agree", "disagree", "unknown"]
-
-
-class Agreement(NamedTuple):
-    """Whether the rays of all pairs meet, and how far those of each pair, if it alone has moved, are off."""
-
-    state: State
-    moved_mm: tuple[float, ...] = ()
-    within_mm: tuple[float, ...] = ()  # half of the 95 % interval of each
-    suspect: int | None = None  # the pair, from 1, whose motion explains it far best
 
 
 class _Meeting(NamedTuple):
@@ -59,14 +50,14 @@ def shadow_middles(pictures: LogPictures) -> tuple[FloatArray, FloatArray]:
     return normals, distances
 
 
-def agreement(sights: Sights, tolerance_mm: float) -> Agreement:
+def agreement(sights: Sights, tolerance_mm: float) -> PairAgreement:
     """Estimate how far the rays of each pair have moved against all others, from points in which they meet.
 
     The pairs agree where no pair's motion can exceed `tolerance_mm`, with 95 %.
     """
     count = len(sights.marks)
     if count == 2:  # rays of two pairs always meet
-        return Agreement("unknown")
+        return PairAgreement("unknown")
     middles = _meeting(*shadow_middles(sights.pictures), SHADOWS_MM, range(count), count)
     still, loose = (
         [
@@ -86,15 +77,12 @@ def agreement(sights: Sights, tolerance_mm: float) -> Agreement:
     own = np.diag(information)
     moved, within = information @ shifts / own, TWO_SIDED_95 / np.sqrt(own)
     chi_square = float(shifts @ information @ shifts)
-    left, suspect = chi_square - own * moved**2, None
-    state: State = "unknown"
+    left, shown = chi_square - own * moved**2, ((*moved.tolist(),), (*within.tolist(),))
     if chi_square > exceeded_chi_square(MISSED, count - 2):
-        state, (best, next_best) = "disagree", np.sort(left)[:2]
-        if count > 3 and best < EXPLAINED * next_best:
-            suspect = int(left.argmin()) + 1
-    elif (np.abs(moved) + within).max() <= tolerance_mm:
-        state = "agree"
-    return Agreement(state, (*moved.tolist(),), (*within.tolist(),), suspect)
+        best, next_best = np.sort(left)[:2]
+        alone = count > 3 and best < EXPLAINED * next_best
+        return PairAgreement("disagree", *shown, int(left.argmin()) + 1 if alone else None)
+    return PairAgreement("agree" if (np.abs(moved) + within).max() <= tolerance_mm else "unknown", *shown)
 
 
 def _meeting(normals: FloatArray, distances: FloatArray, known_mm: float, pairs: Sequence[int], count: int) -> _Meeting:
