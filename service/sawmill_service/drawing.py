@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.fixed_pairs import FixedPairsResult
-from sawmill_contracts.pair_logs import LogOnPairs
 from sawmill_contracts.reconstructions import ReconstructionResult
 from sawmill_contracts.scans import Scan, ScanShape
 from sawmill_formats.errors import damage_reported
@@ -146,14 +145,6 @@ def drawn_ring(result: FixedPairsResult, reader: Reader) -> bytes:
 
     with DRAWING:
         return ring_png(result, reader)
-
-
-def drawn_marks(log: LogOnPairs, reader: Reader) -> bytes:
-    """Draw the marks of a log on fixed pairs, as PNG."""
-    from sawmill_calibration.pictures.ring_of_pairs import marks_png
-
-    with DRAWING:
-        return marks_png(log, reader)
 
 
 def scan_thumbnail(files: MillFiles, scan: Scan, shape: ScanShape) -> Path:

@@ -25,7 +25,7 @@ KINDS = {
     "reconstruction": ("/v1/reconstructions", EXAMPLE | {"size": 32}, KNOWN, LINKS),
     "plan": (PLANS, {"scanner_id": "example", "views": 20}, ("phantom_id", "l-shape"), ()),
     "fixed-pairs": ("/v1/fixed-pairs", BOARD, ("phantom_id", "l-shape"), ["ring"]),
-    "pair-log": ("/v1/pair-logs", LOG, ("failure", None), ["marks"]),
+    "pair-log": ("/v1/pair-logs", LOG, ("failure", None), ()),
     "calibration": ("/v1/calibrations", EXAMPLE | {"seed": 11}, ("phantom_id", "l-shape"), ["report"]),
 }
 

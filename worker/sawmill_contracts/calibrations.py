@@ -27,7 +27,7 @@ from sawmill_contracts.geometry import (
     SourceFrameDeviation,
     ThetaDeviation,
 )
-from sawmill_contracts.kinds import AskedKind, Operation, Reference
+from sawmill_contracts.kinds import AskedKind, JobLinks, Operation, Reference
 from sawmill_contracts.next_steps import NextStepAnswer
 from sawmill_contracts.phantoms import SizeTolerancePercent
 from sawmill_contracts.reasons import CodedReason
@@ -607,11 +607,9 @@ class CalibrationFile(CalibrationResult):
         return CalibrationResult.model_validate(fields)
 
 
-class CalibrationLinks(Contract):
+class CalibrationLinks(JobLinks):
     """Links to a calibration's files."""
 
-    self: str = link("the calibration", "calibrations/example")
-    job: str = link("the calibration's job", "jobs/example")
     report: str = link("the report picture", "calibrations/example/report.png")
     overlay: str = link("the picture of the phantom with its outline", "calibrations/example/overlay.png")
     hdf5: str = link("the HDF5 file with every number and array", "calibrations/example/result.h5")

@@ -8,7 +8,7 @@ from pydantic import Field
 from sawmill_contracts import kinds
 from sawmill_contracts.choices import DisturbedPart, DriftMethod, DriftReference
 from sawmill_contracts.geometry import Covariance, ScannerConstants
-from sawmill_contracts.kinds import AskedKind, JobAnswer, Operation, Reference, stored_as
+from sawmill_contracts.kinds import AskedKind, JobAnswer, JobLinks, Operation, Reference, stored_as
 from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.row_ranges import Rows
 from sawmill_platform.contracts.base import Contract, Identifier, Sha256, Time, link
@@ -303,11 +303,9 @@ class DriftResult(Contract):
         return self.model_copy(update={"at": at, "baseline": baseline})
 
 
-class DriftLinks(Contract):
+class DriftLinks(JobLinks):
     """Links to related resources."""
 
-    self: str = link("the drift check", "drifts/example")
-    job: str = link("the drift check's job", "jobs/example")
     calibration: str | None = link(
         "the calibration to compare with; null: an imported geometry", "calibrations/example"
     )

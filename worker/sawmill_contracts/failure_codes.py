@@ -52,6 +52,7 @@ ASKS = frozenset(
         "counts",
         "detector-pitch-missing",
         "empty-slice",
+        "fixed-pairs-deleted",
         "flat-scan",
         "geometry",
         "inspection-deleted",

@@ -8,9 +8,9 @@ from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import CalibrationLimits
 from sawmill_contracts.choices import Verdict
 from sawmill_contracts.geometry import ReportedSourceFrame, SourceFrameDeviation
-from sawmill_contracts.kinds import AskedKind, JobAnswer, Operation, Reference, stored_as
+from sawmill_contracts.kinds import AskedKind, JobAnswer, JobLinks, Operation, Reference, stored_as
 from sawmill_contracts.reasons import CodedReason
-from sawmill_platform.contracts.base import Contract, Identifier
+from sawmill_platform.contracts.base import Contract, Identifier, link
 from sawmill_platform.contracts.given import Given
 from sawmill_vocabulary import CellOrder, DataKind, FixedPair, Handedness
 from sawmill_vocabulary.messages import N_
@@ -111,13 +111,11 @@ class FixedPairsRequest(StoredFixedPairsOptions, Given):
         return self
 
 
-class FixedPairsLinks(Contract):
+class FixedPairsLinks(JobLinks):
     """Links to related resources."""
 
-    self: str = Field(description="Path of the calibration.", examples=["/v1/fixed-pairs/example"])
-    job: str = Field(description="Path of the calibration's job.", examples=["/v1/jobs/example"])
-    ring: str = Field(description="Path of the drawing.", examples=["/v1/fixed-pairs/example/ring.png"])
-    phantom: str = Field(description="Path of the phantom.", examples=["/v1/phantoms/l-shape"])
+    ring: str = link("the drawing", "fixed-pairs/example/ring.png")
+    phantom: str = link("the phantom", "phantoms/l-shape")
 
 
 class FixedPairs(JobAnswer[StoredFixedPairsOptions, FixedPairsResult, FixedPairsLinks]):

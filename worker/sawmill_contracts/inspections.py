@@ -8,9 +8,9 @@ from typing import Any
 from pydantic import Field
 
 from sawmill_contracts import kinds
-from sawmill_contracts.kinds import AskedKind, JobAnswer, Operation
+from sawmill_contracts.kinds import AskedKind, JobAnswer, JobLinks, Operation
 from sawmill_contracts.scans import AnglesText, Axes, Dataset, ReadingRemarks, ScanShape, Transpose
-from sawmill_platform.contracts.base import Contract, Identifier, Name, Sha256, Time, link
+from sawmill_platform.contracts.base import Contract, Identifier, Name, Sha256, Time
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.jobs import Failure
 from sawmill_vocabulary import DataKind, DetectorModule
@@ -204,14 +204,7 @@ class InspectionRequest(InspectedFile, Given):
     """A file that was sent to be inspected."""
 
 
-class InspectionLinks(Contract):
-    """Links to related resources."""
-
-    self: str = link("the inspection", "inspections/example")
-    job: str = link("the inspection's job", "jobs/example")
-
-
-class Inspection(JobAnswer[InspectedFile, InspectionResult, InspectionLinks]):
+class Inspection(JobAnswer[InspectedFile, InspectionResult, JobLinks]):
     """An inspection in its present state. It succeeds also for an unreadable file: its result has the reason."""
 
     file_kept_until: Time = Field(
@@ -237,7 +230,7 @@ DECLARATION = AskedKind(
     result=InspectionResult,
     answer=Inspection,
     read=_read,
-    links=InspectionLinks,
+    links=JobLinks,
     is_short=lambda _: True,
     processor_s=3600,
     time_limit_s=6 * 3600,

@@ -15,7 +15,7 @@ from typing import Any, Generic, TypeVar
 
 from pydantic import Field
 
-from sawmill_platform.contracts.base import Contract, Identifier, Stamped
+from sawmill_platform.contracts.base import Contract, Identifier, Stamped, link
 from sawmill_platform.contracts.jobs import Failure, JobKind, JobState
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.contracts.kind_declarations import KindDeclaration
@@ -41,6 +41,13 @@ class Reference(StrEnum):
     CALIBRATION = "calibration"
     FIXED_PAIRS = "fixed-pairs"  # `fixed_pairs_id`
     THETA = "theta"  # `theta`, or the theta of the scanner's active calibration
+
+
+class JobLinks(Contract):
+    """Links to related resources."""
+
+    self: str = link("it", "plans/example")
+    job: str = link("its job", "jobs/example")
 
 
 class JobAnswer(Stamped, Generic[Options, Result, Links]):

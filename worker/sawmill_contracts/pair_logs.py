@@ -3,7 +3,7 @@
 from pydantic import Field
 
 from sawmill_contracts import kinds
-from sawmill_contracts.kinds import AskedKind, JobAnswer, Operation, Reference, stored_as
+from sawmill_contracts.kinds import AskedKind, JobAnswer, JobLinks, Operation, Reference, stored_as
 from sawmill_platform.contracts.base import Contract, Identifier
 from sawmill_platform.contracts.given import Given
 from sawmill_vocabulary import DataKind
@@ -42,15 +42,7 @@ class PairLogRequest(PairLogOptions, Given):
     """Request to find the marks of a log that passed a calibrated scanner of fixed pairs."""
 
 
-class PairLogLinks(Contract):
-    """Links to related resources."""
-
-    self: str = Field(description="Path of the log.", examples=["/v1/pair-logs/example"])
-    job: str = Field(description="Path of the log's job.", examples=["/v1/jobs/example"])
-    marks: str = Field(description="Path of the drawing.", examples=["/v1/pair-logs/example/marks.png"])
-
-
-class PairLog(JobAnswer[PairLogOptions, LogOnPairs, PairLogLinks]):
+class PairLog(JobAnswer[PairLogOptions, LogOnPairs, JobLinks]):
     """A log on fixed pairs in its present state."""
 
 
@@ -65,8 +57,7 @@ DECLARATION = AskedKind(
     result=LogOnPairs,
     answer=PairLog,
     read=stored_as(PairLog),
-    links=PairLogLinks,
-    files={"marks": "marks.png"},
+    links=JobLinks,
     references=(Reference.INSPECTION, Reference.FIXED_PAIRS),
     is_short=lambda _: True,
     blocks_deletion=False,

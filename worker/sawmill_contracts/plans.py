@@ -7,7 +7,7 @@ from pydantic import Field
 from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import PredictedRayError, StandardDeviation
 from sawmill_contracts.geometry import Covariance, GivenTheta, ReportedSourceFrame, ScannerConstants
-from sawmill_contracts.kinds import AskedKind, JobAnswer, Operation, Reference, stored_as
+from sawmill_contracts.kinds import AskedKind, JobAnswer, JobLinks, Operation, Reference, stored_as
 from sawmill_contracts.phantoms import SizeTolerancePercent
 from sawmill_platform.contracts.base import Contract, Identifier, link
 from sawmill_platform.contracts.given import Given
@@ -92,11 +92,9 @@ class PlanResult(Contract):
     software_version: str = Field(description="Version of the software that computed it.", examples=["0.15.0"])
 
 
-class PlanLinks(Contract):
+class PlanLinks(JobLinks):
     """Links to related resources."""
 
-    self: str = link("the plan", "plans/example")
-    job: str = link("the plan's job", "jobs/example")
     phantom: str = link("the phantom", "phantoms/l-shape")
 
 

@@ -10,7 +10,7 @@ from pydantic.fields import FieldInfo
 from sawmill_contracts import kinds
 from sawmill_contracts.choices import MetalTreatment, Weighting
 from sawmill_contracts.geometry import GivenTheta, PositiveMm
-from sawmill_contracts.kinds import AskedKind, JobAnswer, Operation, Reference, stored_as
+from sawmill_contracts.kinds import AskedKind, JobAnswer, JobLinks, Operation, Reference, stored_as
 from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.row_ranges import ChosenViews, SteppedRows
 from sawmill_platform.contracts.base import LARGEST_NUMBER, Contract, Identifier, Name, OutOfUse, Sha256, link
@@ -513,11 +513,9 @@ class Mark(MarkRequest):
     id: Identifier = Field(description="Id of the mark, which its client chose.", examples=["knot-1"])
 
 
-class ReconstructionLinks(Contract):
+class ReconstructionLinks(JobLinks):
     """Links to a reconstruction's files."""
 
-    self: str = link("the reconstruction", "reconstructions/example")
-    job: str = link("the reconstruction's job", "jobs/example")
     volume: str = link("the volume as HDF5", "reconstructions/example/volume.h5")
     volume_tiff: str = link("the volume as a TIFF stack", "reconstructions/example/volume.tif")
     volume_nrrd: str = link("the volume as NRRD", "reconstructions/example/volume.nrrd")

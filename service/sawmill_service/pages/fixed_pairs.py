@@ -23,6 +23,7 @@ from sawmill_vocabulary import PairedScanner
 from sawmill_vocabulary.pair_messages import PairMessage
 
 LISTED = 10
+LEAST_REACH_MM = 100.0  # of the drawings of a log's marks, from the centre
 VERDICTS = {
     "pass": ("good", marked("Done")),
     "watch": ("watch", marked("Look at it")),
@@ -78,8 +79,11 @@ def calibration(identifier: Identifier, page: ThePage, store: TheStore, settings
 def log(identifier: Identifier, page: ThePage, store: TheStore) -> HTMLResponse:
     """Show how far a log is, why it failed, or its marks and whether the pairs agree."""
     found = store.asked(pair_logs.DECLARATION).get(identifier)
-    tone = "" if found.result is None else AGREEMENTS[found.result.agreement.state][0]
-    return page.answer("pair_log.html", log=found, stages=stages(page), tone=tone)
+    if (result := found.result) is None:
+        return page.answer("pair_log.html", log=found, stages=stages(page))
+    far = [max([LEAST_REACH_MM, *(1.2 * abs(mark.place_mm[axis]) for mark in result.marks)]) for axis in range(3)]
+    tone, reach_mm = AGREEMENTS[result.agreement.state][0], (max(far[:2]), far[2])
+    return page.answer("pair_log.html", log=found, tone=tone, reach_mm=reach_mm)
 
 
 def _logs(calibration: FixedPairs, store: Store) -> dict[str, Any]:

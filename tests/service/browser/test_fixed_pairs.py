@@ -65,9 +65,10 @@ def test_one_passage_is_watched_and_the_second_goes_on_from_it(page, service, tm
     page.get_by_role("button", name="Find the marks").click()
     expect(page.get_by_role("heading", name="3 marks")).to_be_visible()
     expect(page.get_by_text("or elsewhere: its marks fit other places too")).to_have_count(2)
-    marks = page.get_by_alt_text("The marks across the feed and along it, numbered by height")
-    expect(marks).to_have_js_property("complete", True)
-    assert marks.evaluate("picture => picture.naturalWidth") > 500
+    across = page.get_by_role("img", name="Across the feed: x down, y to the right")
+    assert [float(at.get_attribute("cx")) for at in across.locator("circle").all()] == pytest.approx(
+        [-74, 39, -73], abs=2
+    )
     looks_right(page, "pair-log")
     page.get_by_role("link", name="Calibration of the pairs, and another log").click()
     expect(page.get_by_text("Not shown")).to_be_visible()

@@ -1,4 +1,4 @@
-"""Drawings of scanners of fixed pairs: sources, detectors and the board, and the marks of a log."""
+"""Drawing of a scanner of fixed pairs: sources, detectors and the board, with the error of each pair's rays."""
 
 import math
 
@@ -8,7 +8,6 @@ from matplotlib.figure import Figure
 
 from sawmill_calibration.pictures.panels import encoded
 from sawmill_contracts.fixed_pairs import CalibratedPair, FixedPairsResult
-from sawmill_contracts.pair_logs import LogOnPairs
 from sawmill_vocabulary.messages import ENGLISH, N_, Reader
 
 # Half the length of a detector in the drawing, as a share of the source's distance.
@@ -39,29 +38,6 @@ def ring_png(result: FixedPairsResult, reader: Reader = ENGLISH) -> bytes:
     ax.invert_yaxis()
     ax.set_aspect("equal")
     ax.margins(0.15)
-    return encoded(figure)
-
-
-def marks_png(log: LogOnPairs, reader: Reader = ENGLISH) -> bytes:
-    """Draw the marks of a log, numbered by height, across the feed as in `ring_png` and along it.
-
-    Bars are standard deviations. Places that share their marks with others are grey, as is the centre.
-    """
-    figure = Figure(figsize=(7.5, 7.5), layout="constrained")
-    panels = figure.subplots(2, 1)
-    for ax, across, label in zip(panels, (1, 2), ("y, mm", N_("along the feed, mm")), strict=True):
-        for number, mark in enumerate(log.marks, 1):
-            at, within = mark.place_mm, mark.deviations_mm
-            colour = "grey" if mark.is_ambiguous else "tab:red"
-            ax.errorbar(at[across], at[0], within[0], within[across], "o", color=colour, markersize=4)
-            ax.annotate(str(number), (at[across], at[0]), (5, 5), textcoords="offset points", color=colour)
-        ax.plot(0.0, 0.0, "+", color="grey", markersize=12)
-        ax.set_xlabel(reader.words(label))
-        ax.set_ylabel("x, mm")
-        ax.margins(0.15)
-        ax.invert_yaxis()
-        ax.set_aspect("equal", adjustable="datalim")
-        ax.grid(alpha=0.3)
     return encoded(figure)
 
 

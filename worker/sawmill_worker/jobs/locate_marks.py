@@ -6,10 +6,11 @@ from sawmill_calibration.calibration.fixed_pairs import sources_of
 from sawmill_calibration.drift_checks.pair_logs import log_on_pairs
 from sawmill_calibration.failures import refused
 from sawmill_contracts.pair_logs import PairLog
-from sawmill_platform.attempts.protocol import Needs
 from sawmill_vocabulary import PairedScanner
-from sawmill_worker.jobs import calibrate_pairs
 from sawmill_worker.jobs.attempt import MillAttempt
+from sawmill_worker.jobs.calibrate_pairs import needs
+
+__all__ = ("needs", "run")  # the needs are those of reading the same files for a calibration
 
 
 def run(attempt: MillAttempt) -> dict[str, Any]:
@@ -23,8 +24,3 @@ def run(attempt: MillAttempt) -> dict[str, Any]:
     sources = sources_of(attempt.given.files, scanner, options.data, uploaded=True)
     log = log_on_pairs(sources, scanner, calibrated.result, options.tolerance_mm, attempt.report)
     return log.model_dump(mode="json")
-
-
-def needs(attempt: MillAttempt) -> Needs:
-    """Return the needs of reading the same files for a calibration."""
-    return calibrate_pairs.needs(attempt)
