@@ -16,19 +16,16 @@ import numpy as np
 from scanners import CUSTOM, SCANNER, DrawnScanner, draw_scanner, leaves_air
 
 from sawmill_tomography.calibration.task import CalibrationTask
-from sawmill_tomography.geometry.geometry import (
-    FloatArray,
-    GeometryError,
-    SourceFrame,
-)
+from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, SourceFrame
 from sawmill_tomography.phantoms.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
 from sawmill_tomography.phantoms.phantom import Disc, Phantom, Polygon
 from sawmill_tomography.physics.simulate import MillScan, simulate_physics
-from sawmill_tomography.preparing.line_integrals import SATURATION, LineIntegrals, line_integrals
+from sawmill_tomography.preparing.line_integrals import SATURATION, Exposure, Stack
 from sawmill_tomography.preparing.row_corrections import Corrections, RowCorrector
 from sawmill_tomography.projection import analytic
 from sawmill_tomography.projection.analytic import DetectorCells
 from sawmill_vocabulary import AirCorrection
+from sawmill_vocabulary.messages import Reason
 from sawmill_vocabulary.physics import BeamEffects, DetectorEffects, MotionEffects, Physics, WoodEffects
 
 STEP = Phantom(
@@ -196,6 +193,25 @@ class Setting(DrawnScanner):
                 continue
             if leaves_air(shadow, AIR):
                 return cls(**vars(drawn), frame=frame, photons=photons, attenuation_per_mm=attenuation)
+
+
+@dataclass(frozen=True)
+class LineIntegrals:
+    """A whole scan as the product reads it, block by block."""
+
+    stack: Stack  # (views, rows, detector) float32: line integrals, dimensionless
+    saturated_share: float  # `Exposure.saturated_share`
+    remarks: tuple[Reason, ...]
+
+
+def line_integrals(counts: Stack, flats: Stack, darks: Stack | None) -> LineIntegrals:
+    """Compute line integrals of counts (views, rows, detector) with flats and darks (fields, rows, detector)."""
+    exposure, stack = Exposure.of(flats, darks), counts.astype(np.float32)
+    saturated = exposure.saturated_samples(exposure.at_largest(stack).sum(axis=0), float(np.nanmax(stack)))
+    starved = int(exposure.to_line_integrals(stack).sum())
+    exposure.check_signal(starved, stack.size)
+    share = exposure.saturated_share(saturated, len(stack))
+    return LineIntegrals(stack, share, exposure.remarks(starved, int(saturated.sum())))
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from mill_scans import line_integrals
 from pydantic import ValidationError
 
 from sawmill_calibration.calibration import calibrate
@@ -21,7 +22,6 @@ from sawmill_tomography.calibration.refusals import CalibrationError
 from sawmill_tomography.geometry.geometry import TAU, to_vector
 from sawmill_tomography.geometry.ray_error import ray_error
 from sawmill_tomography.phantoms.phantom import Disc, Phantom, Polygon
-from sawmill_tomography.preparing.line_integrals import line_integrals
 from sawmill_tomography.projection.analytic import DetectorCells, project
 
 

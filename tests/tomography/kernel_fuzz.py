@@ -98,7 +98,7 @@ def shadow(numbers: Numbers) -> None:
         for kernel, given in (
             (analytic.project, (*arguments, out)),
             (analytic.project_in_one_thread, (*arguments, out)),
-            (analytic.project_with_derivative, (*arguments, np.empty((12, VIEWS, CELLS)))),
+            (analytic.project_with_deformations, (*arguments, np.empty((12, VIEWS, CELLS)))),
             (analytic.gram, gram),
             (analytic.gram_in_one_thread, gram),
         ):

@@ -6,6 +6,7 @@ import time
 
 import numpy as np
 import pytest
+from mill_scans import line_integrals
 
 from sawmill_tomography.geometry.geometry import (
     FanBeamGeometry,
@@ -19,7 +20,6 @@ from sawmill_tomography.geometry.geometry import (
 from sawmill_tomography.phantoms.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
 from sawmill_tomography.phantoms.log_model import LogModel
 from sawmill_tomography.phantoms.phantom import Disc, Phantom, Polygon
-from sawmill_tomography.preparing.line_integrals import line_integrals
 from sawmill_tomography.projection import analytic
 from sawmill_tomography.projection.analytic import DetectorCells
 from sawmill_tomography.projection.simulate import simulate_sinogram, simulate_stack
@@ -97,7 +97,8 @@ def test_the_mean_over_a_cell_is_the_mean_of_many_rays(phantom, cells, frame, fu
 @by_name
 def test_the_derivative_is_the_slope_of_the_projection(phantom, cells, frame, irregular_turn):
     angles = irregular_turn(13, 201)
-    value, slopes = analytic.project_with_derivative(phantom, cells, frame, angles, position_mm=(3.0, -2.0))
+    rows = analytic.project_with_deformations(phantom, cells, frame, angles, position_mm=(3.0, -2.0))
+    slopes, value = rows[:7], rows[7]
     np.testing.assert_allclose(
         value, analytic.project(phantom, cells, frame, angles, position_mm=(3.0, -2.0)), atol=1e-9
     )
@@ -117,8 +118,8 @@ def test_the_derivative_is_the_slope_of_the_projection(phantom, cells, frame, ir
 def test_the_gram_matrices_are_the_inner_products_of_the_derivatives(cells, frame, full_turn):
     angles = full_turn(5)
     data = np.random.default_rng(202).standard_normal((5, cells.count))
-    value, slopes = analytic.project_with_derivative(OVERLAPPING, cells, frame, angles, position_mm=(1.0, 2.0))
-    rows = np.concatenate([slopes, value[None], np.ones_like(value)[None], data[None]])
+    rows = analytic.project_with_deformations(OVERLAPPING, cells, frame, angles, position_mm=(1.0, 2.0))
+    rows = np.concatenate([rows[:8], np.ones_like(data)[None], data[None]])
     expected = np.einsum("pkm,qkm->kpq", rows, rows)
     grams = analytic.gram(OVERLAPPING, cells, frame, angles, data, position_mm=(1.0, 2.0))
     size = np.sqrt(np.einsum("kpp,kqq->kpq", expected, expected))

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import scipy
 from exact_chords import Detector, scan
+from mill_scans import line_integrals
 from missing_parts import first_by_day
 from nailed_logs import SCANNER, Nail, NailedLog, views_all_round
 from production_logs import STEEL_PER_MM, log_shapes
@@ -20,7 +21,6 @@ from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, Scanner, 
 from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.phantoms.log_model import LogModel
 from sawmill_tomography.phantoms.phantom import Disc, Phantom
-from sawmill_tomography.preparing.line_integrals import line_integrals
 from sawmill_tomography.projection.simulate import simulate_stack
 from sawmill_tomography.reconstruction.metal import MetalSearch
 from sawmill_tomography.reconstruction.object_extent import object_radius_mm

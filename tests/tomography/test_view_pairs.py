@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mill_scans import line_integrals
 
 from sawmill_tomography.drift.change import ConjugateFit, DriftError, drift_change
 from sawmill_tomography.drift.detector_fit import detector_fit
@@ -12,7 +13,6 @@ from sawmill_tomography.drift.view_pairs.view_pairs import view_pair_fit
 from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, GeometryError, Scanner, SourceFrame, Theta
 from sawmill_tomography.phantoms.log_model import LogModel
 from sawmill_tomography.phantoms.phantom import Disc, Phantom
-from sawmill_tomography.preparing.line_integrals import line_integrals
 from sawmill_tomography.projection.analytic import DetectorCells, project
 from sawmill_tomography.projection.simulate import simulate_stack
 from sawmill_tomography.sinograms.present_rows import bridge_masked

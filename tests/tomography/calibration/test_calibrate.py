@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from mill_scans import line_integrals
 from missing_parts import first_by_day
 
 from sawmill_tomography.calibration.calibrate import calibrate
@@ -26,7 +27,6 @@ from sawmill_tomography.phantoms.built_in import BUILT_IN, L_SHAPE, RECTANGLE_WI
 from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM
 from sawmill_tomography.phantoms.phantom import Disc, Phantom, Polygon
 from sawmill_tomography.phantoms.tracing import trace
-from sawmill_tomography.preparing.line_integrals import line_integrals
 from sawmill_tomography.projection.analytic import DetectorCells
 from sawmill_tomography.projection.simulate import simulate_sinogram, simulate_stack
 from sawmill_vocabulary import Adjustment, Handedness, Rotation

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mill_scans import line_integrals
 
 from sawmill_tomography.calibration.calibrate import calibrate
 from sawmill_tomography.calibration.task import CalibrationTask
@@ -14,7 +15,6 @@ from sawmill_tomography.geometry.geometry import TAU, Scanner, Theta
 from sawmill_tomography.geometry.ray_error import ray_error
 from sawmill_tomography.phantoms.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
 from sawmill_tomography.phantoms.phantom import Disc, Polygon
-from sawmill_tomography.preparing.line_integrals import line_integrals
 from sawmill_tomography.projection import analytic
 from sawmill_tomography.projection.analytic import DetectorCells
 from sawmill_vocabulary import Adjustment

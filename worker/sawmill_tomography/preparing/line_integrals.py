@@ -191,23 +191,3 @@ def _saturation(flats: Stack) -> tuple[float, NDArray[np.bool_]]:
     if number >= PLATEAU * flats.size and (top in LARGEST_VALUES or number >= max(PILED_UP * second, FEWEST)):
         return top, has_it.mean(axis=0) > SATURATED
     return next((value for value in LARGEST_VALUES if value >= top), math.inf), np.zeros(flats.shape[1:], bool)
-
-
-@dataclass(frozen=True)
-class LineIntegrals:
-    """A stack of line integrals."""
-
-    stack: Stack  # (views, rows, detector) float32: line integrals, dimensionless
-    air_level: Stack  # (rows, detector) float32: air level in counts (`Exposure.air_level`)
-    saturated_share: float  # share of the cells that are saturated (`Exposure.saturated_share`)
-    remarks: tuple[Reason, ...]  # corrections made
-
-
-def line_integrals(counts: Stack, flats: Stack, darks: Stack | None) -> LineIntegrals:
-    """Compute line integrals of counts (views, rows, detector) with flats and darks (fields, rows, detector)."""
-    exposure, stack = Exposure.of(flats, darks), counts.astype(np.float32)
-    saturated = exposure.saturated_samples(exposure.at_largest(stack).sum(axis=0), float(np.nanmax(stack)))
-    starved = int(exposure.to_line_integrals(stack).sum())
-    exposure.check_signal(starved, stack.size)
-    share = exposure.saturated_share(saturated, len(stack))
-    return LineIntegrals(stack, exposure.air_level, share, exposure.remarks(starved, int(saturated.sum())))

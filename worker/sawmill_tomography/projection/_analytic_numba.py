@@ -415,23 +415,21 @@ def project_in_one_thread(edges, discs, lines, t_x, t_y, angles, u_first, pitch,
 
 
 @njit(parallel=True, cache=True, fastmath=_FAST, error_model="numpy")
-def project_with_derivative(edges, discs, lines, t_x, t_y, angles, u_first, pitch, rays, out):
-    """Fill out (8 or 12, views, cells): seven derivatives, the projection; first moments in x and y, aspect, shear."""
-    count, views, cells = out.shape
+def project_with_deformations(edges, discs, lines, t_x, t_y, angles, u_first, pitch, rays, out):
+    """Fill out (12, views, cells): seven derivatives, the projection; first moments in x and y, aspect, shear."""
+    _, views, cells = out.shape
     for kk in prange(views):
         k = np.int64(kk)
         row = np.zeros((ROWS, cells))
         left = np.empty(8)
         right = np.empty(8)
-        level = 2 if count > 8 else 1
-        _view(k, edges, discs, lines, t_x, t_y, angles, u_first, pitch, cells, rays, row, level, left, right)
-        if count > 8:
-            c, s = math.cos(angles[k] + lines[0, 2]), math.sin(angles[k] + lines[0, 2])
-            for m in range(cells):
-                x, y = row[8, m], row[9, m]
-                row[8, m] = c * x - s * y
-                row[9, m] = s * x + c * y
-        for p in range(count):
+        _view(k, edges, discs, lines, t_x, t_y, angles, u_first, pitch, cells, rays, row, 2, left, right)
+        c, s = math.cos(angles[k] + lines[0, 2]), math.sin(angles[k] + lines[0, 2])
+        for m in range(cells):
+            x, y = row[8, m], row[9, m]
+            row[8, m] = c * x - s * y
+            row[9, m] = s * x + c * y
+        for p in range(ROWS):
             for m in range(cells):
                 out[p, k, m] = row[p, m]
 

@@ -128,24 +128,6 @@ def project(
     return out
 
 
-def project_with_derivative(
-    phantom: Phantom,
-    cells: DetectorCells,
-    frame: SourceFrame,
-    angles_rad: FloatArray,
-    *,
-    position_mm: Position = (0.0, 0.0),
-    rays_per_cell: int | None = None,
-) -> tuple[FloatArray, FloatArray]:
-    """Compute `project` and its derivative by (psi, R, SDD, u_c, tau, t_x, t_y): (views, cells), (7, views, cells)."""
-    _check(phantom, frame, position_mm)
-    out = np.empty((PARAMETERS + 1, angles_rad.size, cells.count))
-    kernels.project_with_derivative(
-        *kernel_arguments(phantom, cells, frame, angles_rad, position_mm, rays_per_cell), out
-    )
-    return out[PARAMETERS], out[:PARAMETERS]
-
-
 def project_with_deformations(
     phantom: Phantom,
     cells: DetectorCells,
@@ -155,14 +137,15 @@ def project_with_deformations(
     position_mm: Position = (0.0, 0.0),
     rays_per_cell: int | None = None,
 ) -> FloatArray:
-    """Compute `project_with_derivative` and the derivatives by the wood's deformations: (12, views, cells).
+    """Compute `project`, and its derivatives by the geometry and the wood's deformations: (12, views, cells).
 
-    Rows: the seven derivatives; the projection; the first moments (integrals of x and of y along the ray); the
-    derivatives by aspect (x longer and y shorter by half of it, in the drawing's axes, about its origin) and by shear.
+    Rows: the derivatives by (psi, R, SDD, u_c, tau, t_x, t_y); the projection; the first moments (integrals of x and of
+    y along the ray); the derivatives by aspect (x longer and y shorter by half of it, in the drawing's axes, about its
+    origin) and by shear.
     """
     _check(phantom, frame, position_mm)
     out = np.empty((kernels.ROWS, angles_rad.size, cells.count))
-    kernels.project_with_derivative(
+    kernels.project_with_deformations(
         *kernel_arguments(phantom, cells, frame, angles_rad, position_mm, rays_per_cell), out
     )
     return out
