@@ -1,15 +1,12 @@
 """The mill that the documents' pictures show, and a year of a busy one: 100 000 jobs, 20 000 scans, 200 000 events."""
 
 import asyncio
-import json
 import shutil
 from contextlib import closing
 from datetime import timedelta
 
-import line_day
 import pages
 import pytest
-from measurement import RESULTS
 from mill_history import Line, PastClock, write_history
 
 from sawmill_platform.database.database import Database
@@ -45,10 +42,3 @@ def test_no_page_and_no_list_takes_more_than_0_3_s_of_processor(tmp_path):
     store.close()
     assert {answer.path: answer.worked_ms for answer in answers if answer.worked_ms > 300.0} == {}
     assert len(answers) > 100
-
-
-def test_the_table_of_machines_follows_from_what_the_results_hold():
-    """It is derived from measured values: an unchanged file gives the same table."""
-    price, cells = (json.loads((RESULTS / f"{name}.json").read_text()) for name in ("log-price", "load"))
-    tables = line_day.log_tables(price["values"]["log"], cells["values"]["cells"], price["cores"])
-    assert price["values"] == {"log": price["values"]["log"], **tables}

@@ -76,24 +76,7 @@ def log_on_pairs(
     on_progress: ProgressCallback,
     aligned: Path | None = None,
 ) -> LogOnPairs:
-    """Find marks of a log and check the pairs by it: commands, Python users and jobs call it.
-
-    Parameters
-    ----------
-    sources : sequence of ScanSource
-        A file for each pair (`sources_of`).
-    scanner : PairedScanner
-        The pairs with their cells and offsets along the feed.
-    known : FixedPairsResult
-        Their calibrated places.
-    tolerance_mm, on_progress, aligned
-        As in `locate_marks`.
-
-    Raises
-    ------
-    InputError
-        A file cannot be used, or the log leaves a detector.
-    """
+    """Find marks of a log by a file for each pair (`sources_of`), as `locate_marks` does, and raise what it raises."""
     if not len(sources) == len(scanner.pairs) == len(known.pairs):
         numbers = f"{len(sources)} files, {len(scanner.pairs)} pairs, and {len(known.pairs)} calibrated ones"
         raise refused("contradiction", f"a log passes once, a file for each pair: there are {numbers}")
