@@ -5,7 +5,6 @@ from typing import Annotated, ClassVar
 
 import typer
 
-from sawmill_command.cli import COMMANDS
 from sawmill_command.cli.on_demand import CommandsOnDemand
 from sawmill_vocabulary.version import VERSION
 
@@ -13,7 +12,27 @@ from sawmill_vocabulary.version import VERSION
 class SawmillCommands(CommandsOnDemand):
     """Commands that need no server, and commands of the service."""
 
-    modules: ClassVar = COMMANDS | {
+    modules: ClassVar = {
+        name: f"sawmill_command.cli.{name}"
+        for name in (
+            "inspect",
+            "calibrate",
+            "report",
+            "repeatability",
+            "drift",
+            "reconstruct",
+            "simulate",
+            "pack",
+            "export",
+            "worker",
+            "compile",
+            "phantom",
+        )
+    } | {
+        "budget": "sawmill_command.cli.report",
+        "image-quality": "sawmill_command.cli.reconstruct",
+        "calibrate-pairs": "sawmill_command.cli.calibrate_pairs",
+        "locate-marks": "sawmill_command.cli.calibrate_pairs",
         "audit": "sawmill_command.key_commands",
         "key": "sawmill_command.key_commands",
         "backup": "sawmill_command.backup_commands",

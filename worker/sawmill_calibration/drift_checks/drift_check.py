@@ -20,7 +20,7 @@ from sawmill_tomography.calibration.sinogram_data import refuse_log_beyond_sourc
 from sawmill_tomography.drift import change
 from sawmill_tomography.drift.detector_fit import detector_fit
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, Theta, cell_centres_mm
-from sawmill_tomography.sinograms.present_rows import rows_of_all
+from sawmill_tomography.sinograms.present_rows import present_rows
 from sawmill_tomography.statistics import TWO_SIDED_95
 from sawmill_vocabulary import Progress, Rotation
 from sawmill_vocabulary.messages import Reason, Value
@@ -165,7 +165,7 @@ def mean_of_common_rows(
     stack: NDArray[np.float32], first_row: int, row_step: int = 1, deviations: NDArray[np.float32] | None = None
 ) -> CommonMean:
     """Average the rows (views, rows, detector) that every view has: views must cross the same part of the log."""
-    common = rows_of_all(stack)
+    common = present_rows(stack).all(axis=0)
     if not common.any():
         last = first_row + (common.size - 1) * row_step
         raise refused("rows-missing", f"no row from {first_row} to {last} is in every view: give others with rows")

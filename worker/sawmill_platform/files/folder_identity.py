@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from uuid import uuid4
 
-from sqlalchemy import ColumnElement, Connection, exists, insert, select
+from sqlalchemy import Connection, insert, select
 from sqlalchemy.orm import Session
 
 from sawmill_platform.contracts.jobs import JobKind
@@ -16,11 +16,6 @@ from sawmill_platform.database.tables import DataFolderRow
 from sawmill_platform.errors import FolderUnavailable, StorageMisconfigured
 from sawmill_platform.files.file_store import IDENTITY, UNFINISHED, read_identity
 from sawmill_platform.files.whole_files import flush_names, whole_file
-
-
-def database_expects(identity: str | None) -> ColumnElement[bool]:
-    """Return a condition for statements: the database has this identity."""
-    return exists().where(DataFolderRow.identity == identity)
 
 
 def check_identity(connection: Connection | Session, folder: Path) -> None:

@@ -26,10 +26,10 @@ from sawmill_platform.contracts.jobs import ENDED, Failure, FailureKind, Job, Jo
 from sawmill_platform.contracts.kind_declarations import declaration_of
 from sawmill_platform.database.database import Database, after_commit, lock_files_of
 from sawmill_platform.database.paging import found, narrowed, rows_of_page
-from sawmill_platform.database.tables import EventRow, JobDependencyRow, JobRow, Json
+from sawmill_platform.database.tables import DataFolderRow, EventRow, JobDependencyRow, JobRow, Json
 from sawmill_platform.errors import Conflict, LeaseLost, StorageFull, StorageUnavailable
 from sawmill_platform.files.file_store import FileStore, read_identity
-from sawmill_platform.files.folder_identity import check_identity, database_expects
+from sawmill_platform.files.folder_identity import check_identity
 from sawmill_platform.jobs.tallies import Subjects
 from sawmill_platform.jobs.wait_estimate import (
     ANY,
@@ -172,7 +172,7 @@ class Jobs:
         ready = _claimable(now, selection).order_by(JobRow.created_at, JobRow.id).limit(1)
         taken = (
             update(JobRow)
-            .where(QUEUED, database_expects(identity))
+            .where(QUEUED, exists().where(DataFolderRow.identity == identity))
             .values(
                 state=JobState.RUNNING,
                 attempt=JobRow.attempt + 1,

@@ -98,10 +98,14 @@ def comparable_noise(geometry: FanViews, grid: ImageGrid, share: float, *, fitte
 
 
 def seconds_a_slice(method: ReconstructionMethod, views: int, cells: int, size: int) -> float:
-    """Return the seconds on two cores for each slice of a long log, by the model of `cost`."""
+    """Return the seconds on two cores for each slice of a long log, by the model of `cost`.
+
+    A method that fits the data has a grid of this size that holds the log, and its parameters already chosen.
+    """
     kind = METHODS[method]
     if issubclass(kind, FittedMethod):
-        return cost.fitted_seconds_a_slice(kind.pairs_a_slice, views, cells, size)
+        a_pair = cost.SECONDS_A_CROSSING * views * cells * size + cost.SECONDS_A_STEP_PIXEL * size * size
+        return kind.pairs_a_slice * a_pair
     return cost.seconds_a_slice(views, cells, size)
 
 

@@ -36,19 +36,6 @@ def seconds_a_slice(views: int, cells: int, size: int) -> float:
     return seconds(views, cells, size, 1) - SECONDS_A_STACK
 
 
-def fitted_seconds_a_slice(pairs: float, views: int, cells: int, size: int) -> float:
-    """Return the seconds for a slice of a block by a method that fits the data, with its parameters already chosen.
-
-    Parameters
-    ----------
-    pairs : float
-        Forward and adjoint projections for a slice.
-    views, cells, size : int
-        Views and cells of the sinogram, and pixels along each side of the grid that holds the log.
-    """
-    return pairs * (SECONDS_A_CROSSING * views * cells * size + SECONDS_A_STEP_PIXEL * size * size)
-
-
 def seconds_left(elapsed: float, done: float, slices: int) -> float:
     """Predict the remaining seconds from the pace so far."""
     return elapsed / done * (slices - done)

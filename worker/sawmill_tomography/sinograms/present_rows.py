@@ -46,11 +46,6 @@ def mean_of_rows(stack: NDArray[np.floating]) -> MeanOfRows:
     return MeanOfRows(sums / there[views].sum(axis=1, keepdims=True), views)
 
 
-def rows_of_all(stack: NDArray[np.floating]) -> Rows:
-    """Return which rows (rows,) of a stack (views, rows, detector) every view has."""
-    return np.asarray(present_rows(stack).all(axis=0), bool)
-
-
 def usable_rows(present: Rows, angles_rad: FloatArray) -> tuple[int, int] | None:
     """Return the rows, first and one after the last, that half of the views have without a wide gap in angle.
 

@@ -62,11 +62,6 @@ def find_document(path: str, language: str) -> Document | None:
     return None if name is None else _document(name)
 
 
-def find_file(path: str) -> Path | None:
-    """Return the picture or example at a path below /help; None without one."""
-    return _files().get(path)
-
-
 def all_documents(language: str, folder: str | None = None) -> Iterator[Document]:
     """Yield every document, or all of a folder, once, in a language where it is in several; no lists of folders."""
     for path, versions in _documents().items():
@@ -112,7 +107,8 @@ def _documents() -> Mapping[str, Mapping[str, str]]:
 
 
 @cache
-def _files() -> Mapping[str, Path]:
+def files_by_path() -> Mapping[str, Path]:
+    """Return the pictures and examples by their paths below /help."""
     return {_path(name): path.resolve() for name, path in _tree().items() if path.suffix != ".md" and path.is_file()}
 
 

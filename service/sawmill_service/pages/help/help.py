@@ -20,8 +20,8 @@ from sawmill_service.pages.help.documents import (
     Document,
     Section,
     all_documents,
+    files_by_path,
     find_document,
-    find_file,
     neighbours,
 )
 
@@ -41,7 +41,7 @@ def help_list(page: ThePage, words: Annotated[str, Query(alias="search", max_len
 @router.get(f"{HELP}/{{path:path}}")
 def help_page(path: Annotated[str, Path(max_length=200)], request: Request, page: ThePage) -> Response:
     """Show a document, or return a picture or an example."""
-    if found := find_file(path):
+    if found := files_by_path().get(path):
         return file(request, found, _PICTURES.get(found.suffix, _TEXT), save_as=found.name)
     return _shown(path, page)
 

@@ -20,7 +20,7 @@ from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.frame.languages import marked
 from sawmill_service.pages.frame.page_frame import ThePage
 from sawmill_service.pages.lists import Cursor, DaySpan
-from sawmill_service.pages.system.system_parts import clock_remarks, disk_of, limits_of, queue_of, versions, workers_of
+from sawmill_service.pages.system.system_parts import CLOCK_EVENTS, Queue, disk_of, limits_of, versions, workers_of
 from sawmill_service.routes.health import Readiness, broker_of, health_of
 
 PER_PAGE = 50
@@ -134,18 +134,18 @@ router = Router(include_in_schema=False, reading=Scope.READ)
 @router.get(SYSTEM)
 def system(request: Request, page: ThePage, store: TheStore, settings: TheSettings) -> HTMLResponse:
     """Show the page, with keys for administrators alone."""
-    admin, now = page.may(Scope.ADMIN), datetime.now(UTC)
+    admin, now, stored = page.may(Scope.ADMIN), datetime.now(UTC), store.settings
     return page.answer(
         "system.html",
         health=health_of(store, request.app.state.broker_url),
         states=STATES,
-        queue=queue_of(store.places, store.settings),
+        queue=Queue(store.places.waiting(), stored.max_queued_jobs, stored.max_queued_jobs_per_key),
         disk=disk_of(store.scans, store.settings),
         workers=workers_of(store.events, store.jobs, page, now),
         database=store.database_report(),
         broker=broker_of(request.app.state.broker_url),
         clock_off_s=store.clock_off_s(),
-        clock=clock_remarks(store.events),
+        clock=store.events.of_clock()[::-1][:CLOCK_EVENTS],
         versions=versions(),
         limits=limits_of(settings, store.settings),
         keys=store.keys.all() if admin else None,

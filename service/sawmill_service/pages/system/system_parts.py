@@ -6,10 +6,9 @@ from functools import cache
 from importlib.metadata import version
 from typing import NamedTuple
 
-from sawmill_platform.contracts.events import Event
 from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.jobs.job_store import Jobs
-from sawmill_platform.jobs.queue_limits import Places, Waiting
+from sawmill_platform.jobs.queue_limits import Waiting
 from sawmill_platform.ledger.events import Events
 from sawmill_platform.settings import StorageSettings
 from sawmill_service.pages.frame.page_frame import PageFrame
@@ -104,11 +103,6 @@ def disk_of(scans: Scans, settings: StorageSettings) -> Disk:
     return Disk(room.free_bytes, room.size_bytes, settings.disk_reserve_bytes, scans.uploaded_bytes())
 
 
-def queue_of(places: Places, settings: StorageSettings) -> Queue:
-    """Read the present state of the queue."""
-    return Queue(places.waiting(), settings.max_queued_jobs, settings.max_queued_jobs_per_key)
-
-
 def workers_of(events: Events, jobs: Jobs, page: PageFrame, now: datetime) -> list[Worker]:
     """Return the workers that run something, then those that ran something lately."""
     busy: dict[str, list[JobView]] = {}
@@ -117,11 +111,6 @@ def workers_of(events: Events, jobs: Jobs, page: PageFrame, now: datetime) -> li
     lately = events.workers_since(now - SEEN)
     working = [Worker(name, running, lately.get(name)) for name, running in busy.items()]
     return working + [Worker(name, [], at) for name, at in lately.items() if name not in busy]
-
-
-def clock_remarks(events: Events) -> list[Event]:
-    """Return the events of the clock, the newest first."""
-    return events.of_clock()[::-1][:CLOCK_EVENTS]
 
 
 @cache

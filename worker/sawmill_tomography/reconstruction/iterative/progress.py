@@ -54,19 +54,19 @@ class Phases:
 
 
 def counting_iterations(on_progress: OnProgress, usual: int) -> OnIteration:
-    """Return a callback for the iterations of a descent, which mostly ends after the usual number of iterations."""
-    return lambda done, most: on_progress(share_of_descent(done, most, usual))
+    """Return a callback for the iterations of a descent of unknown length, which mostly ends after the usual number.
+
+    The remaining iterations are predicted as the usual number at first and as fewer and fewer later, since a descent
+    that takes longer mostly ends soon; never as more than are allowed. The share rises with every iteration.
+    """
+
+    def report(done: int, most: int) -> None:
+        remaining = min(usual * math.exp(-done / usual), float(most - done))
+        on_progress(done / (done + remaining))
+
+    return report
 
 
 def cost_of_images(images: int) -> float:
     """Return the cost of a block relative to one image: the images of a block share the lengths of the rays."""
     return 1.0 + FURTHER_IMAGE_COST * (images - 1)
-
-
-def share_of_descent(done: int, most: int, usual: int) -> float:
-    """Return the share that `done` iterations are of a descent of unknown length.
-
-    The remaining iterations are predicted as the usual number at first and as fewer and fewer later, since a descent
-    that takes longer mostly ends soon; never as more than are allowed. The share rises with every iteration.
-    """
-    return done / (done + min(usual * math.exp(-done / usual), float(most - done)))
