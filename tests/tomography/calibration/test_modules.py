@@ -153,6 +153,12 @@ def test_the_bound_covers_a_gap_whose_place_few_views_do_not_show():
     assert off(modules, found) < bound(found) < 0.05
 
 
+def test_the_bound_covers_modules_whose_gap_and_kink_hide_each_other_in_few_views():
+    """Each was hidden as a gap or as a kink alone, and 12 views passed 0.134 mm off with a bound of 0.096 mm."""
+    found = outcome("modules", 193, 6014)
+    assert (found["rays_verdict"], found["upper_95_mm"] > 0.1) == ("watch", True)
+
+
 def test_the_search_for_modules_can_be_switched_off():
     found = calibrate(task([DetectorModule(384, 1.5)], 45, without=frozenset({Adjustment.MODULES})))
     assert not found.scanner.detector_modules
