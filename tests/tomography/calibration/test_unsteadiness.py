@@ -49,16 +49,15 @@ def otherwise(motion, seed):
     """The codes of the first reason, the verdict and the true error of a phantom that moves otherwise."""
     making = otherwise_moved(motion, seed)
     found = calibrate(making.task(seed), seed=seed)
-    codes = found.judgement.reasons[0].codes if found.judgement.reasons else ()
     true = ray_error(making.scanner, making.frame, found.frame, other_scanner=found.scanner, radius_mm=found.radius_mm)
-    return codes, found.judgement.verdict, true.rms_mm
+    return [each.codes for each in found.judgement.reasons[:1]], found.judgement.verdict, true.rms_mm
 
 
 def test_a_phantom_that_leans_and_settles_is_named():
     """Without this motion in the model it was taken for a scanner that moves, and the rays were 0.12 mm off."""
     codes, verdict, true_mm = otherwise("lean", 4)
     assert true_mm < 0.05
-    assert ("phantom-settles" in codes, verdict) == (True, "pass")
+    assert ("phantom-settles" in codes[0], verdict) == (True, "pass")
 
 
 @pytest.mark.parametrize("seed", [205, 208, 214])
@@ -95,9 +94,8 @@ def test_a_slip_that_is_not_fitted_is_reported_and_in_the_error_bars(view, mm):
     found = calibrated(moved(view, turn_deg=0.1 * mm, at=(0.8 * mm, -0.6 * mm)), 1301, without=tuple(Adjustment))
     reason = next(reason for reason in found.judgement.reasons if "phantom moved at view" in reason)
     assert "It was not fitted, and the rays are off by" in reason
-    assert error_mm(found) > 0.1
     assert found.judgement.verdict != "pass"
-    assert error_mm(found) < found.findings.error_bars.predicted_ray_error.upper_95_mm
+    assert 0.1 < error_mm(found) < found.findings.error_bars.predicted_ray_error.upper_95_mm
 
 
 @pytest.mark.parametrize(
@@ -120,9 +118,7 @@ def test_steady_scans_are_called_nothing_else(seed):
     plain = calibrated(shadow(ANGLES), seed)
     assert plain.judgement.verdict == "pass"
     for found in (plain, calibrated(shadow(ANGLES, body=knot), seed)):
-        assert not any("phantom moved" in reason or "The angles" in reason for reason in found.judgement.reasons), (
-            found.judgement.reasons
-        )
+        assert not any("phantom moved" in reason or "The angles" in reason for reason in found.judgement.reasons)
 
 
 @pytest.mark.parametrize("views", [45, 180])
@@ -134,9 +130,7 @@ def test_a_model_finer_than_the_scan_is_no_unsteadiness(scanner, phantom, views)
     clean = analytic.project(phantom, DetectorCells.of(scanner), FRAME, angles, rays_per_cell=1)
     noise = 0.005 * clean.std() * np.random.default_rng(1320).standard_normal(clean.shape)
     found = calibrate(CalibrationTask(scanner, phantom, clean + noise, angles))
-    assert not any("phantom moved" in reason or "The angles" in reason for reason in found.judgement.reasons), (
-        found.judgement.reasons
-    )
+    assert not any("phantom moved" in reason or "The angles" in reason for reason in found.judgement.reasons)
 
 
 @pytest.mark.parametrize("views", [4, 9, 10, 12])

@@ -39,7 +39,7 @@ class Climb:
             changes: list[tuple[float, Group | None, float]] = [(0.0, None, 0.0)]
             likeliest = self.evidences(posterior, groups).max(axis=1).tolist() if most else []
             for each, gained in zip(groups, likeliest, strict=False):
-                if gained > 0.0 and each not in out and self._may_join(each, posterior):
+                if gained > 0.0 and each not in out and self.may_join(each, posterior):
                     changes.append((gained, each, 0.0))
             for each, now in posterior.sizes.items():
                 evidence = self.evidence(posterior, each)
@@ -67,7 +67,7 @@ class Climb:
         return posterior
 
     @staticmethod
-    def _may_join(group: Group, posterior: Posterior) -> bool:
+    def may_join(group: Group, posterior: Posterior) -> bool:
         """Return whether a group is not in a set, and no slip of its kind that is too near is."""
         views, view = posterior.system.views, group.one.view
         return group not in posterior.sizes and (

@@ -35,7 +35,6 @@ from sawmill_tomography.calibration.joint_fit.intensity_averaging import averagi
 from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit
 from sawmill_tomography.calibration.joint_fit.modules import (
     FEWEST_CELLS,
-    HIDDEN,
     NEAR,
     HiddenModule,
     ModulePlaces,
@@ -580,7 +579,7 @@ class JointFitter:
         if variance <= 0.0:
             return
         search, found = self._module_search(grams, system, used), [module for _, module in self._found_modules]
-        hidden = tuple(search.hidden(variance, HIDDEN))
+        hidden = tuple(search.hidden(variance))
         yield hidden
         # A detector that shows none hides further ones as far as the first does not take the evidence: the wood's
         # structure looks like one.

@@ -36,6 +36,8 @@ HIDDEN = 2.0
 
 # Gaps and kinks of hidden modules too: every order of magnitude is as likely.
 PRIOR = PRIORS[Adjustment.MODULES]
+# A hidden module has a gap, mm, a kink, rad, or both, which hide each other in few views (test_modules.py).
+MOVES = ((1.0, 0.0), (0.0, KINK_RAD_PER_MM), (1.0, KINK_RAD_PER_MM), (1.0, -KINK_RAD_PER_MM))
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,31 +171,29 @@ class ModuleSearch:
         rest._taken = [taken for taken in self._taken if taken != cell]  # noqa: SLF001
         return rest
 
-    def hidden(self, variance: float, expected: float) -> Iterator[HiddenModule]:
-        """Yield modules that the residual of this variance may hide, where `expected` of them are likely beforehand.
+    def hidden(self, variance: float) -> Iterator[HiddenModule]:
+        """Yield modules that the residual of this variance may hide, where `HIDDEN` of them are likely beforehand.
 
-        The residual hides at most one. Each place, and each order of magnitude of its gap or kink, is as likely. Of
+        The residual hides at most one. Each place, each of `MOVES` and each order of magnitude is as likely. Of
         neighbouring cells the likeliest one is taken for all.
         """
-        left = self._left()
-        factors = np.outer([1.0, KINK_RAD_PER_MM], np.concatenate([-PRIOR.sizes, PRIOR.sizes]))
-        exponents = np.full((2, factors.shape[1], left.seen.size), -np.inf)
-        for kind, information in enumerate((left.gap, left.kink)):
-            known, factor = left.seen & np.isfinite(information), factors[kind][:, None]
-            score = factor * left.scores[kind][known]
-            exponents[kind][:, known] = (score - 0.5 * factor**2 * information[known]) / variance
+        left, factors = self._left(), np.concatenate([-PRIOR.sizes, PRIOR.sizes])
+        exponents = np.full((len(MOVES), factors.size, left.seen.size), -np.inf)
+        for exponent, move in zip(exponents, MOVES, strict=True):
+            information, score = left.of(*move)
+            known, factor = left.seen & np.isfinite(information), factors[:, None]
+            exponent[:, known] = (factor * score[known] - 0.5 * factor**2 * information[known]) / variance
         most = max(float(exponents.max()), 0.0)
-        ratios = np.exp(exponents - most) * expected / (2 * factors.shape[1] * max(int(left.seen.sum()), 1))
+        ratios = np.exp(exponents - most) * HIDDEN / (len(MOVES) * factors.size * max(int(left.seen.sum()), 1))
         probabilities = ratios / (math.exp(-most) + ratios.sum())
         for first in range(0, left.seen.size, NEAR):
             some = probabilities[..., first : first + NEAR]
             cell = first + int(some.sum(axis=(0, 1)).argmax())
-            for kind, (gap_mm, kink_rad) in enumerate(((-1.0, 0.0), (0.0, 1.0))):
-                each = some[kind].sum(axis=1)
-                kept = DRAWS * factors.shape[1] * each > 1.0
+            for (gap_mm, kink_rad), each in zip(MOVES, some.sum(axis=2), strict=True):
+                kept = DRAWS * factors.size * each > 1.0
                 if kept.any():
-                    bias = -left.moved_by[kind][:, cell]
-                    yield HiddenModule(cell, gap_mm, kink_rad, bias, factors[kind][kept], each[kept])
+                    bias = gap_mm * left.moved_by[0][:, cell] - kink_rad * left.moved_by[1][:, cell]
+                    yield HiddenModule(cell, gap_mm, kink_rad, bias, factors[kept], each[kept])
 
     def elsewhere(self, module: DetectorModule, variance: float) -> Iterator[HiddenModule]:
         """Yield the places at which a module among the columns may begin as well, by their likelihood."""
@@ -233,12 +233,8 @@ class ModuleSearch:
         for one in self.elsewhere(module, NOT_LINEAR * variance):
             if abs(one.first_cell - module.first_cell) in AWAY:
                 yield one
-        cell, bias = module.first_cell, np.zeros(len(self._terms))
-        bias[self._terms.index(gap_term(cell))], bias[self._terms.index(kink_term(cell))] = (
-            -module.gap_mm,
-            -module.kink_rad,
-        )
-        near = FEWEST_CELLS // 2
+        cell, bias, near = module.first_cell, np.zeros(len(self._terms)), FEWEST_CELLS // 2
+        bias[[self._terms.index(term(cell)) for term in (gap_term, kink_term)]] = -module.gap_mm, -module.kink_rad
         for other in range(max(cell - near, 1), min(cell + near + 1, self._u.size)):
             gap_mm = module.gap_mm - module.kink_rad * (self._border[other] - self._border[cell]) * self._turn[cell]
             yield HiddenModule(other, float(gap_mm), module.kink_rad, bias, np.ones(1), np.ones(1))
@@ -343,6 +339,14 @@ class _Left:
     scores: tuple[FloatArray, FloatArray]  # two (cells,): scores of a gap and of a kink
     moved_by: tuple[FloatArray, FloatArray]  # two (columns, cells)
     seen: NDArray[np.bool_]  # (cells,) bool: cells before which a module may begin
+
+    def of(self, gap_mm: float, kink_rad: float) -> tuple[FloatArray, FloatArray]:
+        """Return information (cells,), infinite where there is none, and score (cells,) of a gap with a kink."""
+        # A gap moves the rays' places on the cells the other way.
+        information = -2.0 * gap_mm * kink_rad * self.between
+        for size, own in ((gap_mm, self.gap), (kink_rad, self.kink)):
+            information += size * size * own if size else 0.0
+        return np.maximum(information, 0.0), kink_rad * self.scores[1] - gap_mm * self.scores[0]
 
     def best(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the likeliest gap and kink before each cell, and the power that they explain."""

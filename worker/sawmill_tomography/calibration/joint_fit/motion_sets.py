@@ -122,7 +122,7 @@ class MotionSets:
 
     @cached_property
     def _explored(self) -> list[Posterior]:
-        """Sets of motions: from several starts, and next to the best of these."""
+        """Sets of motions: from several starts, next to the best of these, and with others in place of its motions."""
         groups = [*self._point.groups, *self._placed]
         motions = [group for group in groups if is_motion(group.one)]
         current, climb = self.current, self._climb
@@ -146,6 +146,13 @@ class MotionSets:
             best = likeliest
             for group in [group for group in best.sizes if not is_on_detector(group.one)]:
                 explore(best.resized(group, 0.0), [group])
+        # Another motion may stand in the place of each; one that is less likely by this factor moves no bound.
+        for rest in [best.resized(group, 0.0) for group in best.sizes if is_motion(group.one)]:
+            least = climb.weighed(best) - climb.weighed(rest) - 0.5 * math.log(DRAWS)
+            for other, evidence in zip(motions, climb.evidences(rest, motions), strict=True):
+                if evidence.max() > least and climb.may_join(other, rest):
+                    instead = rest.resized(other, float(other.sizes[int(evidence.argmax())]))
+                    found.setdefault(frozenset(instead.sizes), instead)
         return list(found.values())
 
     def _suspected(self) -> bool:
