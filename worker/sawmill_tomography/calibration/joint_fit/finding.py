@@ -55,7 +55,7 @@ class AdjustedFit:
 
     @property
     def by_noise(self) -> "AdjustedFit":
-        """The fit after a step with weights by noise, where the drawing's precision may leave as much as the fit does."""
+        """The fit after a step with weights by noise, where the drawing's precision may leave as much."""
         if self.of_passages or self.fit.residual_rms > self.fit.gain * self.phantom.precision_mm:
             return self
         noise = sample_noise(self.data, self.data.sinogram - self.model, self.model)
