@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.linalg.lapack import dpotrf, dpotri
 
 from sawmill_tomography.geometry.fit_parameters import FRAME, FitParameter, GramTerm
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, Theta, to_vector
@@ -82,18 +83,29 @@ def reduce(grams: FloatArray, kept: Sequence[int]) -> tuple[FloatArray, FloatArr
 def unit_scale(normal: FloatArray) -> FloatArray:
     """Return the scale (n,) that makes the diagonal of a normal matrix one: radians and millimetres differ by 1e4."""
     diagonal = np.diag(normal)
-    return np.asarray(np.where(diagonal > 0.0, 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0)), 0.0))
+    return np.asarray(1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, np.inf)))
 
 
 def scaled_inverse(normal: FloatArray, least: float = 1e-11) -> FloatArray:
     """Invert a normal matrix (n, n), scaled to unit diagonal; undetermined directions have no variance."""
     scale = unit_scale(normal)
-    both = np.outer(scale, scale)
+    both = scale[:, None] * scale
     return pseudo_inverse(normal * both, least) * both
 
 
 def pseudo_inverse(matrix: FloatArray, least: float) -> FloatArray:
-    """Invert a symmetric matrix (n, n), leaving out eigenvalues below the share `least` of the largest."""
+    """Invert a symmetric matrix (n, n), leaving out eigenvalues below the share `least` of the largest.
+
+    No eigenvalue of a positive matrix is below the reciprocal of its inverse's trace, nor above its own trace: where
+    these are near enough to each other, none is left out, and the inverse is Cholesky's.
+    """
+    root, failed = dpotrf(matrix, lower=1)
+    if not failed and len(matrix):
+        inverse, failed = dpotri(root, lower=1)
+        if not failed and least * matrix.trace() * inverse.trace() < 1.0:
+            inverse += inverse.T  # above its diagonal were zeros
+            inverse.flat[:: len(inverse) + 1] *= 0.5
+            return np.asarray(inverse)
     values, vectors = np.linalg.eigh(matrix)
     size = np.abs(values)
     kept = size > least * size.max()

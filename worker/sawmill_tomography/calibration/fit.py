@@ -118,8 +118,8 @@ def refine(
     current = _normal_equations(phantom, centred, x)
     if current is None:
         return None
-    samples, mean_square = data.samples, float(np.average(centred.sinogram**2, weights=data.weights))
-    power, identity = mean_square * samples, np.eye(free.size)
+    weighted = centred.sinogram if data.weights is None else data.weights * centred.sinogram
+    samples, power, identity = data.samples, float(np.vdot(weighted, centred.sinogram)), np.eye(free.size)
     # Rounding of a sum of squares (Higham and Mary 2019, SIAM Journal on Scientific Computing 41, A2815).
     least = np.finfo(np.float64).eps * math.sqrt(samples) * power
     damping, converged, iterations = 1e-3, False, 0
@@ -147,7 +147,7 @@ def refine(
             if damping > 1e8:
                 converged = then is not None and abs(then.rss - current.rss) <= 1e-9 * current.rss
                 break
-    return _fit(centred, x, current, held, centre, mean_square, converged=converged, iterations=iterations)
+    return _fit(centred, x, current, held, centre, power / samples, converged=converged, iterations=iterations)
 
 
 def _fit(

@@ -29,6 +29,7 @@ from sawmill_tomography.calibration.task import CalibrationTask, PoseHypothesis
 from sawmill_tomography.geometry.fit_parameters import FitParameter, GramTerm
 from sawmill_tomography.geometry.geometry import TAU, FloatArray
 from sawmill_tomography.phantoms.phantom import Phantom
+from sawmill_tomography.projection.analytic import project
 from sawmill_vocabulary import Adjustment, Rotation
 from sawmill_vocabulary.messages import Reason
 from sawmill_vocabulary.scan_messages import EffectMessage
@@ -61,19 +62,15 @@ def shown_angles(
 
     The result is None where the views show the angles given, or where these are not equidistant.
     """
-    if not _equidistant(task.angles_rad):
+    steps = np.diff(task.angles_rad)
+    usual = float(np.median(steps))
+    if usual == 0.0 or (np.round(steps / usual) != 1.0).any():
         return None
     starts = [(plain, task.angles_rad), *([] if seed is None else _coarse_fits(task, seed, on_step))]
     found = [_measured(task, start, angles, on_step) for start, angles in starts]
     return min(
         (one for one in found if one is not None), key=lambda one: one.ranked.fit.relative_residual, default=None
     )
-
-
-def _equidistant(angles_rad: FloatArray) -> bool:
-    steps = np.diff(angles_rad)
-    usual = float(np.median(steps))
-    return usual != 0.0 and bool((np.round(steps / usual) == 1.0).all())
 
 
 def _choices(angles_rad: FloatArray) -> FloatArray:
@@ -118,8 +115,7 @@ def _coarse_fits(task: CalibrationTask, seed: int, on_step: OnStep) -> list[tupl
 def _measured(task: CalibrationTask, start: RankedFit, angles_rad: FloatArray, on_step: OnStep) -> AnglesOfViews | None:
     """Measure the angles from a fit with these angles, and fit again, several times."""
     (handedness, rotation), fit = start
-    phantom, data = task.phantoms[handedness], task.full_data(rotation)
-    data = replace(data, angles_rad=rotation.apply(angles_rad))
+    phantom, data = task.phantoms[handedness], replace(task.full_data(rotation), angles_rad=rotation.apply(angles_rad))
     first, from_first = float(task.angles_rad[0]), task.angles_rad - task.angles_rad[0]
     angles, lost, pace = angles_rad, np.zeros(len(from_first)), 1.0
     for _ in range(ROUNDS):
@@ -135,6 +131,8 @@ def _measured(task: CalibrationTask, start: RankedFit, angles_rad: FloatArray, o
             turns = [rotation.apply(start_rad + slope * _counted(from_first, row)) for row in rows]
             misfits = [_misfit_by_view(phantom, replace(data, angles_rad=turn), fit) for turn in turns]
             lost = np.choose(np.argmin(misfits, axis=0), rows)
+            if np.array_equal(lost, rows[0]):
+                break
         counted = _counted(from_first, lost)
         pace = float(np.polyfit(counted, measured, 1)[0])
         if round((pace - 1.0) * len(taken)) == 0:  # less than half a step of the last angle is left to the joint fit
@@ -159,9 +157,16 @@ def _counted(from_first: FloatArray, lost: FloatArray) -> FloatArray:
 
 def _misfit_by_view(phantom: Phantom, data: SinogramData, fit: Fit) -> FloatArray:
     """Return the sum of squares that the model of a fit leaves in each view at the data's angles, (views,)."""
-    terms = [GramTerm.SHADOW, GramTerm.ONE, GramTerm.DATA]
-    shares = np.array([fit.gain, fit.offset, -1.0])
-    return np.asarray(data.gram(phantom, fit.to_vector())[:, terms][:, :, terms] @ shares @ shares)
+    shadow = project(
+        phantom,
+        data.cells,
+        fit.frame,
+        data.angles_rad,
+        position_mm=fit.position_mm,
+        rays_per_cell=data.rays_per_cell,
+    )
+    squares = (data.sinogram - fit.gain * shadow - fit.offset) ** 2
+    return np.asarray((squares if data.weights is None else data.weights * squares).sum(axis=1))
 
 
 def _newton(phantom: Phantom, data: SinogramData, fit: Fit) -> FloatArray:

@@ -48,13 +48,10 @@ def odd_rows(stack: NDArray[np.floating]) -> list[int]:
     seen = np.isfinite(coarse).all(axis=0)
     if not seen.any():
         return []
-    odd = [row for row, values in enumerate(coarse[:, seen]) if not _same_body(values, usual[seen])]
+    # A row without contrast correlates with none.
+    alike = [float(np.corrcoef(values, usual[seen])[0, 1]) if values.std() > 0.0 else 0.0 for values in coarse[:, seen]]
+    odd = [row for row, each in enumerate(alike) if not each >= SAME_BODY]
     return odd if 2 * len(odd) < len(coarse) else []  # of two rows, neither is the odd one
-
-
-def _same_body(values: FloatArray, usual: FloatArray) -> bool:
-    spread = values.std()
-    return bool(spread > 0.0) and float(np.corrcoef(values, usual)[0, 1]) >= SAME_BODY
 
 
 def _coarse(stack: NDArray[np.floating]) -> FloatArray:

@@ -127,20 +127,12 @@ def narrow_peaks(sinogram: FloatArray, views: NDArray[np.bool_], pitch_mm: float
     width = max(2, round(WIDTH_MM / pitch_mm))
     if sinogram.shape[1] <= 4 * width:
         return None
-    excess = _excess(sinogram, width)
+    # By how much samples exceed the samples `width` cells to either side.
+    excess = sinogram[:, width:-width] - np.maximum(sinogram[:, : -2 * width], sinogram[:, 2 * width :])
     low, high = np.quantile(sinogram[:, width:-width] - np.maximum(excess, 0.0), QUANTILES)
-    deep = _peaks(excess, DEEP * (high - low))
+    deep = (excess[:, :-2] + excess[:, 1:-1] + excess[:, 2:]) > 3.0 * DEEP * (high - low)
     if not high > low or deep[views].any(axis=1).mean() < FEW_VIEWS:  # noise in the deepest shadow
         return None
     peaks = np.zeros(sinogram.shape, np.uint8)
     peaks[:, width + 1 : -width - 1] = deep
     return np.asarray(scipy.ndimage.maximum_filter1d(peaks, width, axis=1, mode="constant") > 0)
-
-
-def _excess(sinogram: FloatArray, width: int) -> FloatArray:
-    """Compute by how much samples exceed samples `width` cells to either side, (views, cells less 2 widths)."""
-    return np.asarray(sinogram[:, width:-width] - np.maximum(sinogram[:, : -2 * width], sinogram[:, 2 * width :]))
-
-
-def _peaks(excess: FloatArray, deep: float) -> NDArray[np.bool_]:
-    return np.asarray((excess[:, :-2] + excess[:, 1:-1] + excess[:, 2:]) > 3.0 * deep)

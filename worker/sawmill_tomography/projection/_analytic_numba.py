@@ -219,7 +219,7 @@ def _edges(edges, line_of_cells, t_x, t_y, c_b, s_b, u_first, pitch, cells, rays
             continue
         begin = max(from_cell, _cell_under(low, u_first, pitch, cells))
         end = min(to_cell - 1, _cell_under(high, u_first, pitch, cells))
-        if rays > 0:
+        if rays > 1:
             for m in range(begin, end + 1):
                 for i in range(rays):
                     u = u_first + (m + (i + 0.5) / rays) * pitch
@@ -227,17 +227,23 @@ def _edges(edges, line_of_cells, t_x, t_y, c_b, s_b, u_first, pitch, cells, rays
                         f = line[3] / rays
                         _edge_point(u, f, line, big_r, sdd, u_c, c_tau, s_tau, c_b, s_b, row, m, derivative)
             continue
-        for m, a, b in (
-            (begin, low, min(u_first + (begin + 1) * pitch, high)),
-            (end, max(u_first + end * pitch, u_first + (begin + 1) * pitch), high),
-        ):
-            _part_of_cell(line, m, a, b, pitch, big_r, sdd, u_c, c_tau, s_tau, c_b, s_b, row, derivative)
-        begin = min(begin + 1, end)
-        # The cells around the point where the rays are parallel to the edge.
-        parallel = u_c + sdd * line[1] / (c_tau * line[2] - s_tau * line[1])
-        near, far = parallel - (1.0 / _SMOOTH - 0.5) * pitch, parallel + (1.0 / _SMOOTH + 0.5) * pitch
-        near = max(begin, min(end, _cell_under(near, u_first, pitch, cells)))
-        far = max(near, min(end, _cell_under(far, u_first, pitch, cells)))
+        if rays == 1:  # the cells whose middle the edge covers
+            begin += u_first + (begin + 0.5) * pitch < low
+            end += u_first + (end + 0.5) * pitch < high
+            near = far = end
+        else:
+            for m, a, b in (
+                (begin, low, min(u_first + (begin + 1) * pitch, high)),
+                (end, max(u_first + end * pitch, u_first + (begin + 1) * pitch), high),
+            ):
+                _part_of_cell(line, m, a, b, pitch, big_r, sdd, u_c, c_tau, s_tau, c_b, s_b, row, derivative)
+            begin = min(begin + 1, end)
+            # The cells around the point where the rays are parallel to the edge.
+            parallel = u_c + sdd * line[1] / (c_tau * line[2] - s_tau * line[1])
+            near = _cell_under(parallel - (1.0 / _SMOOTH - 0.5) * pitch, u_first, pitch, cells)
+            far = _cell_under(parallel + (1.0 / _SMOOTH + 0.5) * pitch, u_first, pitch, cells)
+            near = max(begin, min(end, near))
+            far = max(near, min(end, far))
         while nodes < (3 if far > near else 1):
             for i in range(SUMS if derivative > 1 else 5):
                 for m in range(np.uint64(first), np.uint64(last)):

@@ -29,7 +29,7 @@ _ASPECT, _CORNERS, _BLUR, _EXPOSURE = int(Term.ASPECT), int(Term.CORNERS), int(T
 _SLOPE, _CURVATURE, _SCATTER = int(Term.SLOPE), int(Term.CURVATURE), int(Term.SCATTER)
 
 
-@njit(fastmath=_FAST)
+@njit(fastmath=_FAST, error_model="numpy")
 def _of_line_integrals(raw, gain, cosine, sine, sizes, chain, row):
     """Fill the rows before the exposure's from the rows of `_view`, without blur."""
     cells = raw.shape[1]
@@ -58,7 +58,7 @@ def _of_line_integrals(raw, gain, cosine, sine, sizes, chain, row):
             row[_ASPECT + p, m] = raw[10 + p, m] * chain[m]
 
 
-@njit(fastmath=_FAST)
+@njit(fastmath=_FAST, error_model="numpy")
 def _add_turn(of_turn, weight, gain, from_counts, share, row, soft):
     """Add the rows of one turn by their weight, times the intensity that the detector averages where it counts."""
     for m in range(soft.size):
@@ -69,7 +69,7 @@ def _add_turn(of_turn, weight, gain, from_counts, share, row, soft):
             row[p, m] += share[m] * of_turn[p, m]
 
 
-@njit(fastmath=_FAST)
+@njit(fastmath=_FAST, error_model="numpy")
 def _soften(line, first, last, taps, padded):
     """Blur a line (cells,) that is 0 outside a window in place, with reflection at both ends; return the wider window.
 
@@ -89,7 +89,7 @@ def _soften(line, first, last, taps, padded):
     return start, stop
 
 
-@njit(fastmath=_FAST)
+@njit(fastmath=_FAST, error_model="numpy")
 def _blur_row(line, first, last, intensity, soft, taps, padded):
     """Blur the change of intensity that a line makes, where the blur leaves `soft` of an intensity, as `_soften`."""
     for m in range(first, last):
@@ -100,7 +100,7 @@ def _blur_row(line, first, last, intensity, soft, taps, padded):
     return start, stop
 
 
-@njit(fastmath=_FAST)
+@njit(fastmath=_FAST, error_model="numpy")
 def _blur_rows(exposed, taps, from_counts, row, of_patches, windows):
     """Blur the rows, and those of patches; where there are counts, blur the changes of intensity that they make."""
     cells = exposed.size
@@ -117,7 +117,7 @@ def _blur_rows(exposed, taps, from_counts, row, of_patches, windows):
         windows[n] = _blur_row(of_patches[n], windows[n, 0], windows[n, 1], intensity, soft, taps, padded)
 
 
-@njit(fastmath=_FAST)
+@njit(fastmath=_FAST, error_model="numpy")
 def _by_blur(blurred, from_counts, row):
     """Fill the row of the blur's squared width: half the second difference, for intensities less the squared first."""
     cells = blurred.size
@@ -127,7 +127,7 @@ def _by_blur(blurred, from_counts, row):
         row[_BLUR, m] = 0.5 * (after - 2.0 * blurred[m] + before - first * first)
 
 
-@njit(fastmath=_FAST)
+@njit(fastmath=_FAST, error_model="numpy")
 def _of_intensities(around, wide, lagging, added, row):
     """Divide the rows by the measured intensity, and fill the rows of scatter and lag, which add to a cell's own."""
     cells = row.shape[1]
@@ -141,7 +141,7 @@ def _of_intensities(around, wide, lagging, added, row):
         row[_SCATTER + 2, m] = -lagging[m] / (1.0 + added[m])
 
 
-@njit(fastmath=_FAST)
+@njit(fastmath=_FAST, error_model="numpy")
 def _window(line):
     """Return the first cell of a line (cells,) that is not 0, and the one behind the last."""
     first, last = 0, line.size
@@ -152,7 +152,7 @@ def _window(line):
     return first, last
 
 
-@njit(fastmath=_FAST)
+@njit(fastmath=_FAST, error_model="numpy")
 def _products_of_windows(row, count, windows, of_patches, grams, scores):
     """Fill the inner products of lines (patches, cells) that are 0 outside windows (patches, 2), and with the rows.
 
@@ -176,7 +176,7 @@ def _products_of_windows(row, count, windows, of_patches, grams, scores):
             grams[own, own - n + q] = grams[own - n + q, own] = total
 
 
-@njit(parallel=True, cache=True, fastmath=_FAST)
+@njit(parallel=True, cache=True, fastmath=_FAST, error_model="numpy")
 def inner_products(
     geometry,
     turned,
@@ -315,7 +315,7 @@ def inner_products(
             _products_of_windows(row, count, windows, of_patches, grams[k], scores[k])
 
 
-@njit(cache=True, fastmath=_FAST)
+@njit(cache=True, fastmath=_FAST, error_model="numpy")
 def without_shares(grams, own, share):
     """Return inner products (views, n, n) less the shares (views, n, m) of the rows `own` (m,)."""
     left = np.empty_like(grams)
@@ -330,7 +330,7 @@ def without_shares(grams, own, share):
     return left
 
 
-@njit(cache=True, fastmath=_FAST)
+@njit(cache=True, fastmath=_FAST, error_model="numpy")
 def taken_of_modules(taken, by_stripes, u, turn, border):
     """Return what `taken` (rows, cells) takes of information about a gap before each cell, a kink, and between both.
 
@@ -362,7 +362,7 @@ def taken_of_modules(taken, by_stripes, u, turn, border):
     return found
 
 
-@njit(cache=True, fastmath=_FAST)
+@njit(cache=True, fastmath=_FAST, error_model="numpy")
 def combined(grams, scores, rows, weights, at):
     """Return the inner products (views, d, d) of combinations of rows, and their scores (views, d) at another point.
 
@@ -396,7 +396,7 @@ def combined(grams, scores, rows, weights, at):
     return products, of_scores
 
 
-@njit(cache=True, fastmath=_FAST)
+@njit(cache=True, fastmath=_FAST, error_model="numpy")
 def largest_power(scores, information, diagonal, blocks):
     """Return the largest sum of squares of scores (views, n): of single views, or of blocks of neighbouring views.
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from sawmill_tomography.calibration.fit import Fit, OnStep, ignore_progress, refine
 from sawmill_tomography.calibration.joint_fit.effects import Effect
+from sawmill_tomography.calibration.joint_fit.sample_noise import sample_noise
 from sawmill_tomography.calibration.joint_fit.selection import FITTED, chance_limit
 from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.geometry.geometry import FloatArray
@@ -51,6 +52,23 @@ class AdjustedFit:
         """Fit new data by least squares, starting from a fit; None where the fit does not converge."""
         fit = refine(self.phantom, data, start.frame, position_mm=start.position_mm, on_step=self.on_step)
         return fit if fit is not None and fit.converged else None
+
+    @property
+    def by_noise(self) -> "AdjustedFit":
+        """The fit after a step with weights by noise, where the drawing's precision may leave as much."""
+        if self.of_passages or self.fit.residual_rms > self.fit.gain * self.phantom.precision_mm:
+            return self
+        noise = sample_noise(self.data, self.data.sinogram - self.model, self.model)
+        again = refine(
+            self.phantom,
+            replace(self.data, weights=noise.weights),
+            self.fit.frame,
+            position_mm=self.fit.position_mm,
+            fixed_source_distance=bool(self.fit.covariance.held),
+            max_iterations=1,
+            on_step=self.on_step,
+        )
+        return self if again is None else replace(self, fit=again)
 
     @cached_property
     def model(self) -> FloatArray:

@@ -59,7 +59,7 @@ from sawmill_tomography.calibration.joint_fit.selection import (
     chance_limit,
 )
 from sawmill_tomography.calibration.joint_fit.slip import angle_scatter, jump_at, likeliest_slip, slip_at
-from sawmill_tomography.calibration.joint_fit.steps import MOVED, is_small, moved, off_by, stepped
+from sawmill_tomography.calibration.joint_fit.steps import MOVED, moved, off_by, stepped
 from sawmill_tomography.calibration.joint_fit.view_poses import (
     OF_TURNING,
     PoseSizes,
@@ -115,7 +115,7 @@ def fit_jointly(
 
     Effects of real wood, and a density of each of its patches, are looked at where they are beyond chance.
     """
-    fitter = JointFitter(prepared, frozenset(without))
+    fitter = JointFitter(prepared.by_noise, frozenset(without))
     if fitter.left_out:
         fitter.find_poses(on_step)
     fitter.fit(on_step)
@@ -245,7 +245,7 @@ class JointFitter:
         tried = [one.columns for one in self._of_effects(effects)]
         tester = EffectTester(grams.system([*base, *chain.from_iterable(tried)]), range(len(base)))
         ends = accumulate(map(len, tried), initial=len(base))
-        return any(tester.tested(range(start, end)).is_beyond_chance() for start, end in pairwise(ends))
+        return any(tester.tested(range(start, end)).is_beyond_chance(BEYOND_CHANCE) for start, end in pairwise(ends))
 
     def shows_varying_density(self) -> bool:
         """Return whether some of the views show, next to a fit that has ended, that the wood's density varies."""
@@ -332,7 +332,10 @@ class JointFitter:
         degrees = len(posterior.used) - float(posterior.precision @ np.diag(posterior.covariance))
         self.variance = left / max(system.samples - degrees, 1.0)
         penalised = posterior.penalised
-        small = is_small(self.model, penalised, posterior.used, change, self.variance)
+        off = off_by(penalised, posterior.used, change)
+        # Structure in the residual, and rounding, leave the geometry as uncertain as noise of this variance.
+        uncertain = max(self.variance, self.climb.structured / ON_DETECTOR, self._rounding(system) / system.samples)
+        small = max(float(change @ penalised.score) / len(posterior.used), off) <= MOVED * uncertain
         whole, of_all = system.with_patches(change)
         of_poses = 0.0 if self.poses is None else pose_change(grams, whole.columns, of_all)
         self.model, share = stepped(self.model, whole, of_all, grams, of_poses=of_poses)
@@ -341,7 +344,7 @@ class JointFitter:
         self.model = self._with_fitted_modules()
         self.last = penalised, posterior, change, grams, tried
         self.groups = groups
-        self.converged = off_by(penalised, posterior.used, change) <= MOVED * self.variance
+        self.converged = off <= MOVED * self.variance
         same = set(before) == set(self.fitted)
         more = self._further_modules(grams, penalised, posterior.used, first_cells_of(tried) if same else ())
         if not (same and self._dropped_places(tried)):
@@ -351,6 +354,9 @@ class JointFitter:
         if share == 0.0:
             return True
         if share < 1.0 or not small or not same or more:
+            # A further step that is small keeps the average of intensities at this point.
+            if self.averaging is not None and not more and (self.fitted or self.left_out):
+                self.model, self.averaging = _with_new_averaging(self.model, self.averaging)
             return False
         self.converged = self._settled(system, change) and not self._moved_borders(grams, penalised, posterior.used)
         return self.converged
@@ -651,17 +657,13 @@ class JointFitter:
         return False
 
     def _settled(self, system: System, change: FloatArray) -> bool:
-        """Return whether effects are possible, all scatter is fitted, averaging follows; else change the model."""
+        """Return whether effects are possible and all scatter is fitted; change the model otherwise."""
         if self._dropped_impossible(self.fitted):
             return False
         if self.angle_variance == 0.0 and Adjustment.ANGLE_JITTER not in self.without:
             self.angle_variance = angle_scatter(system, change, self.variance)
-            if self.angle_variance > 0.0:
-                return False
-        if self.averaging is None or not (self.fitted or self.left_out):
-            return True
-        self.model, self.averaging = _with_new_averaging(self.model, self.averaging)[0], None
-        return False
+            return self.angle_variance == 0.0
+        return True
 
     def _dropped_impossible(self, effects: Iterable[Fitted]) -> bool:
         """Drop the effects among these that are fitted and not possible; return whether there were any."""
@@ -686,7 +688,8 @@ def _shown_but_declined(
     """Yield the effects that the scan shows, and that the user switched off."""
     tester = EffectTester(system, used)
     for one in tried:
-        if one.effect.adjustment in without and (test := tester.tested(one.places)).is_far_beyond_chance(one.trials):
+        declined = one.effect.adjustment in without
+        if declined and (test := tester.tested(one.places)).is_beyond_chance(FITTED / one.trials):
             yield one, test
 
 

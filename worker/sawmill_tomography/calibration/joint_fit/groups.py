@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from sawmill_tomography.calibration.covariance import scaled_inverse, unit_scale
+from sawmill_tomography.calibration.covariance import pseudo_inverse, scaled_inverse, unit_scale
 from sawmill_tomography.calibration.joint_fit.effects import Effect
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column, System
 from sawmill_tomography.calibration.joint_fit.scan_model import (
@@ -151,10 +151,11 @@ class Group:
         odds = prior.odds / max(one.trials, 1.0)
         unit = np.array([unit_of(column, model) for column in one.columns])
         # A jump that was found before the fit may be larger than any that the fit finds.
+        largest = float(np.abs(one.sizes / unit).max())
         return cls(
             one,
             unit,
-            replace(prior, high=max(prior.high, float(np.abs(one.sizes / unit).max()))).sizes,
+            (prior if largest <= prior.high else replace(prior, high=largest)).sizes,
             math.log(odds / (1.0 - odds)),
             ON_DETECTOR if is_on_detector(one) else STRUCTURES,
         )
@@ -232,7 +233,7 @@ class Posterior:
             own = np.array(group.one.places)
             return self.left_of_all[0][np.ix_(own, own)] * both, self.left_of_all[1][own] * unit
         own = np.array([self.used.index(place) for place in group.one.places])
-        whole = np.linalg.pinv(self.covariance[np.ix_(own, own)] / both, rcond=1e-12, hermitian=True)
+        whole = pseudo_inverse(self.covariance[np.ix_(own, own)] / both, 1e-12)
         return whole - np.eye(len(own)) / self.sizes[group] ** 2, whole @ (self.mean[own] / unit)
 
     @cached_property

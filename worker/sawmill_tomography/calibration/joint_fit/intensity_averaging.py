@@ -47,15 +47,15 @@ def averaging(
 
     The paths p are in the data's unit. While a view is exposed the phantom turns by `turns`: angles, rad, and weights.
     """
-    cells, of_rays, of_means = data.cells, 0.0, 0.0
+    cells, of_rays, of_means, each = data.cells, 0.0, 0.0, np.full(FINE_RAYS, 1.0 / FINE_RAYS)
     for turn, weight in turns:
         rays = analytic.project(
             phantom, cells.divided(FINE_RAYS), frame, data.angles_rad + turn, position_mm=position_mm, rays_per_cell=1
         )
-        rays *= gain
+        np.multiply(rays, -gain, out=rays)
         by_cell = rays.reshape(len(data.sinogram), cells.count, FINE_RAYS)
-        of_means = of_means + weight * np.exp(-by_cell.mean(axis=2))
-        of_rays = of_rays + weight * np.exp(-by_cell).mean(axis=2)
+        of_means = of_means + weight * np.exp(by_cell @ each)
+        of_rays = of_rays + weight * (np.exp(by_cell, out=by_cell) @ each)
     return np.asarray(np.log(of_rays / of_means))
 
 

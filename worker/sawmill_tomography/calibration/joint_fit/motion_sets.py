@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from sawmill_tomography.calibration.covariance import pseudo_inverse
 from sawmill_tomography.calibration.joint_fit.climb import Climb, scatter_of
 from sawmill_tomography.calibration.joint_fit.effects import DEFORMATION, Effect
 from sawmill_tomography.calibration.joint_fit.groups import (
@@ -301,7 +302,7 @@ class MotionSets:
         if group in posterior.sizes:
             own = [posterior.used.index(place) for place in group.one.places]
             within = posterior.covariance[np.ix_(own, own)]
-            bias = -posterior.covariance[:, own] @ np.linalg.pinv(within, hermitian=True) @ posterior.mean[own]
+            bias = -posterior.covariance[:, own] @ pseudo_inverse(within, 1e-15) @ posterior.mean[own]
             return np.asarray(np.broadcast_to(bias, (others.size, bias.size)))
         information, score = posterior.left(group)
         values, vectors = np.linalg.eigh(information)

@@ -156,7 +156,7 @@ class ViewGrams:
     def _squares(self, residual: FloatArray) -> tuple[float, FloatArray]:
         """Compute the weighted sum of squares of a residual, and each cell's weighted sum (cells,)."""
         weighted = self.weights * residual
-        return float(np.einsum("km,km->", weighted, residual)), weighted.sum(axis=0)
+        return float(np.vdot(weighted, residual)), weighted.sum(axis=0)
 
     def _stripes(self, squares: float, products: FloatArray) -> None:
         """Estimate the stripes (cells,) beyond noise, and the stripes' share of each cell's sum."""

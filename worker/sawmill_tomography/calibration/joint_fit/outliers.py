@@ -36,20 +36,23 @@ def with_less_weight(current: AdjustedFit, plain: AdjustedFit, residual: FloatAr
     shadowed = residual[(model > current.fit.offset + SHADOW * depth) & (used > 0.0)]
     deviation = robust_deviation(shadowed - np.median(shadowed)) if shadowed.size else 0.0
     deviation = max(deviation, phantom.size_tolerance * depth)
-    size, power = np.abs(residual) / (deviation or np.inf), used * residual**2
-    outlying = size > CHANCE
-    if not _is_a_fault(power * outlying, outlying):
+    limit = CHANCE * (deviation or np.inf)
+    outlying = np.abs(residual) > limit
+    if not _is_a_fault(used, residual, outlying):
         return plain
-    weights = used * np.divide(CHANCE, size, out=np.ones_like(size), where=outlying) ** 2
+    weights = used * np.divide(limit, residual, out=np.ones_like(residual), where=outlying) ** 2
     share_percent = 100.0 * float(outlying[used > 0.0].mean())
     data = replace(plain.data, weights=weights)
     return plain.after(data, plain.fit, AdjustmentMessage.OUTLIERS(share_percent=share_percent))
 
 
-def _is_a_fault(power: FloatArray, outlying: NDArray[np.bool_]) -> bool:
+def _is_a_fault(used: FloatArray, residual: FloatArray, outlying: NDArray[np.bool_]) -> bool:
     """Return whether outliers are whole cells or whole views, as with faults; otherwise the model is wrong."""
-    cells = power[:, outlying.mean(axis=0) > WHOLE].sum()
-    return bool(2.0 * max(cells, power[outlying.mean(axis=1) > WHOLE].sum()) > power.sum())
+    cells, views = outlying.mean(axis=0) > WHOLE, outlying.mean(axis=1) > WHOLE
+    if not cells.any() and not views.any():
+        return False
+    power = used * outlying * residual**2
+    return bool(2.0 * max(power[:, cells].sum(), power[views].sum()) > power.sum())
 
 
 OUTLIERS = EffectFinding(Adjustment.OUTLIERS, _adjust)

@@ -176,12 +176,7 @@ class ScanModel:
     @cached_property
     def phantom(self) -> Phantom:
         """The drawing with the model's rounded corners, skins and deformations."""
-        return self._warped(self._straight)
-
-    @cached_property
-    def _straight(self) -> tuple[Shape, ...]:
-        """Shapes of the drawing with rounded corners and skins, before deformations."""
-        return (*self._rounded, *self._skins, *self._denser_patches)
+        return self._warped((*self._rounded, *self._skins, *self._denser_patches))
 
     @property
     def _rounded(self) -> tuple[Shape, ...]:
@@ -381,7 +376,10 @@ class ScanModel:
         mean = np.zeros_like(self.sharp)
         for turn, weight in turns:
             lines = self._line_integrals(self.project(self.phantom, turned=turn))
-            mean += weight * np.exp(np.negative(lines, out=lines), out=lines) if self.from_counts else weight * lines
+            if self.from_counts:
+                np.exp(np.negative(lines, out=lines), out=lines)
+            lines *= weight
+            mean += lines
         return np.negative(np.log(mean, out=mean), out=mean) if self.from_counts else mean
 
     @cached_property

@@ -38,13 +38,9 @@ class EffectTest:
         """The variance against which the effect is significant; 0 where nothing is."""
         return self.power / self.significance if 0.0 < self.significance < np.inf else 0.0
 
-    def is_far_beyond_chance(self, trials: float = 1.0) -> bool:
-        """Return whether the effect is far beyond chance, given this number of places where the effect may be."""
-        return self.degrees > 0 and self.significance > chance_limit(FITTED / trials, self.degrees)
-
-    def is_beyond_chance(self) -> bool:
-        """Return whether chance alone would hardly show an effect of this size."""
-        return self.degrees > 0 and self.significance > chance_limit(BEYOND_CHANCE, self.degrees)
+    def is_beyond_chance(self, probability: float) -> bool:
+        """Return whether chance alone would show an effect of this size with less than this probability."""
+        return self.degrees > 0 and self.significance > chance_limit(probability, self.degrees)
 
 
 class EffectTester:

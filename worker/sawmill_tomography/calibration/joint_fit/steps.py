@@ -1,4 +1,4 @@
-"""A Gauss-Newton step: the length of the step, the changed model, and when a step is small."""
+"""A Gauss-Newton step: its length, the changed model, and how far it moves the geometry."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -7,22 +7,12 @@ import numpy as np
 
 from sawmill_tomography.calibration.covariance import pseudo_inverse
 from sawmill_tomography.calibration.joint_fit.normal_equations import UNTRUSTED, Column, System, ViewGrams
-from sawmill_tomography.calibration.joint_fit.scan_model import POSE, ScanModel, Term, arc_term, is_kink
+from sawmill_tomography.calibration.joint_fit.scan_model import POSE, ScanModel, Term
 from sawmill_tomography.geometry.geometry import FloatArray
 
 # A step is within the noise when it moves the geometry by less than this number of standard deviations, squared, and
 # the whole fit gains less than as much for each of its unknowns.
 MOVED = 25.0
-# A step is negligible when it moves the phantom's visible rim by less than this: for a scan almost free of noise it may
-# be many standard deviations.
-LEAST_MOVE_MM = 0.003
-
-
-def is_small(model: ScanModel, system: System, used: Sequence[int], change: FloatArray, variance: float) -> bool:
-    """Return whether a full step changes nothing that matters."""
-    gained = float(change @ system.score)
-    among_noise = gained <= MOVED * len(used) * variance and off_by(system, used, change) <= MOVED * variance
-    return among_noise or _moves_mm(model, system.columns, change) <= LEAST_MOVE_MM
 
 
 def off_by(system: System, used: Sequence[int], change: FloatArray) -> float:
@@ -31,37 +21,6 @@ def off_by(system: System, used: Sequence[int], change: FloatArray) -> float:
     own = [n for n, i in enumerate(used) if columns[i].parameter is not None]
     step = change[[used[n] for n in own]]
     return float(step @ pseudo_inverse(system.inverse(used)[np.ix_(own, own)], 1e-12) @ step)
-
-
-def _moves_mm(model: ScanModel, columns: Sequence[Column], change: FloatArray) -> float:
-    """Estimate how far a step moves the phantom's rim as the detector sees it, mm."""
-    radius, frame = model.drawing.radius_mm, model.frame
-    arms: dict[int, float] = {
-        Term.PSI: radius,
-        Term.R: radius / frame.source_distance_mm,
-        Term.SDD: radius / frame.source_to_detector_mm,
-        Term.U_C: 1.0 / frame.magnification,
-        Term.TILT: radius * radius / frame.source_distance_mm,
-        Term.T_X: 1.0,
-        Term.T_Y: 1.0,
-        Term.ASPECT: 0.5 * radius,
-        Term.SHEAR: 0.5 * radius,
-        Term.BOW_X: 1.0,
-        Term.BOW_Y: 1.0,
-        Term.TAPER_X: 1.0,
-        Term.TAPER_Y: 1.0,
-    }
-    half_mm = 0.5 * model.data.cells.count * model.data.cells.width_mm
-    for term in model.detector_terms:
-        # A cell at the end of the detector, which a kink takes off the line by up to half the detector's length.
-        arms[term] = (half_mm**2 / frame.source_to_detector_mm if is_kink(term) else 1.0) / frame.magnification
-    if arc_term() in model.of_cells:
-        arms[arc_term()] = 0.5 * half_mm**3 / frame.source_to_detector_mm / frame.magnification
-    moves = (
-        abs(size) * (arms.get(column.term, 0.0) if column.term is not None else 1.0)
-        for column, size in zip(columns, change.tolist(), strict=True)
-    )
-    return max(moves, default=0.0)
 
 
 def stepped(

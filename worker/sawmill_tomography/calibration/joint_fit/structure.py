@@ -75,7 +75,7 @@ def shared_power(residual: FloatArray) -> float:
 
 def mean_beyond_chance(products: FloatArray) -> float:
     """Compute the mean of products; 0 where independent noise, of any unevenness, has a mean as large."""
-    mean, square = float(products.mean()), float(np.einsum("km,km->", products, products)) / products.size
+    mean, square = float(products.mean()), float(np.vdot(products, products)) / products.size
     return beyond_chance(mean, math.sqrt(max(square - mean * mean, 0.0)), products.size)
 
 
@@ -103,11 +103,8 @@ def _place(residual: FloatArray, model: FloatArray, shared: float) -> ResidualPl
     if _shades_air(residual, (model <= model.min() + SHADOW * depth) & ~at_edges):
         return ResidualPlace.BESIDE
     in_shadow = (model > model.min() + SHADOW * depth) & ~at_edges
-    return (
-        ResidualPlace.EDGES
-        if _mean(power, at_edges) > EDGES_STAND_OUT * _mean(power, in_shadow)
-        else ResidualPlace.SHADOW
-    )
+    edges, elsewhere = (float(power[some].sum()) / max(int(some.sum()), 1) for some in (at_edges, in_shadow))
+    return ResidualPlace.EDGES if edges > EDGES_STAND_OUT * elsewhere else ResidualPlace.SHADOW
 
 
 def _shades_air(residual: FloatArray, air: NDArray[np.bool_]) -> bool:
@@ -118,7 +115,3 @@ def _shades_air(residual: FloatArray, air: NDArray[np.bool_]) -> bool:
     strong = CHANCE * robust_deviation(beside)
     darker, brighter = float((beside > strong).mean()), float((beside < -strong).mean())
     return strong > 0.0 and darker - brighter > SHADED
-
-
-def _mean(power: FloatArray, where: NDArray[np.bool_]) -> float:
-    return float(np.einsum("km,km->", power, where)) / max(int(where.sum()), 1)

@@ -17,13 +17,16 @@ from sawmill_tomography.calibration.fit import OnStep
 from sawmill_tomography.calibration.joint_fit.groups import MOTIONS
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column, ViewGrams
 from sawmill_tomography.calibration.joint_fit.scan_model import POSE, ScanModel
-from sawmill_tomography.calibration.joint_fit.steps import LEAST_MOVE_MM, stepped
+from sawmill_tomography.calibration.joint_fit.steps import stepped
 from sawmill_tomography.geometry.fit_parameters import FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_vocabulary import Adjustment
 
 # Effects of an object that turns while it is scanned.
 OF_TURNING = MOTIONS | {Adjustment.ANGLE_JITTER, Adjustment.ROTATION_DURING_EXPOSURE}
+# A step of the poses is negligible when it moves the object's rim by less than this: for a scan almost free of noise it
+# may be many standard deviations.
+LEAST_MOVE_MM = 0.003
 
 
 @dataclass(frozen=True)
