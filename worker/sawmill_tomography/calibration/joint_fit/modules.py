@@ -36,8 +36,6 @@ HIDDEN = 2.0
 
 # Gaps and kinks of hidden modules too: every order of magnitude is as likely.
 PRIOR = PRIORS[Adjustment.MODULES]
-# A hidden module has a gap, mm, a kink, rad, or both, which hide each other in few views (test_modules.py).
-MOVES = ((1.0, 0.0), (0.0, KINK_RAD_PER_MM), (1.0, KINK_RAD_PER_MM), (1.0, -KINK_RAD_PER_MM))
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,6 +113,9 @@ class ModuleSearch:
     Cells near the borders of known modules, and of modules that were not needed (`avoided`), are left out.
     """
 
+    # A hidden module has a gap, mm, a kink, rad, or both, which hide each other in few views (test_modules.py).
+    MOVES = ((1.0, 0.0), (0.0, KINK_RAD_PER_MM), (1.0, KINK_RAD_PER_MM), (1.0, -KINK_RAD_PER_MM))
+
     def __init__(
         self, model: ScanModel, grams: ViewGrams, system: System, used: list[int], avoided: Collection[int]
     ) -> None:
@@ -178,18 +179,18 @@ class ModuleSearch:
         neighbouring cells the likeliest one is taken for all.
         """
         left, factors = self._left(), np.concatenate([-PRIOR.sizes, PRIOR.sizes])
-        exponents = np.full((len(MOVES), factors.size, left.seen.size), -np.inf)
-        for exponent, move in zip(exponents, MOVES, strict=True):
+        exponents = np.full((len(self.MOVES), factors.size, left.seen.size), -np.inf)
+        for exponent, move in zip(exponents, self.MOVES, strict=True):
             information, score = left.of(*move)
             known, factor = left.seen & np.isfinite(information), factors[:, None]
             exponent[:, known] = (factor * score[known] - 0.5 * factor**2 * information[known]) / variance
         most = max(float(exponents.max()), 0.0)
-        ratios = np.exp(exponents - most) * HIDDEN / (len(MOVES) * factors.size * max(int(left.seen.sum()), 1))
+        ratios = np.exp(exponents - most) * HIDDEN / (len(self.MOVES) * factors.size * max(int(left.seen.sum()), 1))
         probabilities = ratios / (math.exp(-most) + ratios.sum())
         for first in range(0, left.seen.size, NEAR):
             some = probabilities[..., first : first + NEAR]
             cell = first + int(some.sum(axis=(0, 1)).argmax())
-            for (gap_mm, kink_rad), each in zip(MOVES, some.sum(axis=2), strict=True):
+            for (gap_mm, kink_rad), each in zip(self.MOVES, some.sum(axis=2), strict=True):
                 kept = DRAWS * factors.size * each > 1.0
                 if kept.any():
                     bias = gap_mm * left.moved_by[0][:, cell] - kink_rad * left.moved_by[1][:, cell]
