@@ -333,8 +333,9 @@ class JointFitter:
         self.variance = left / max(system.samples - degrees, 1.0)
         penalised = posterior.penalised
         off = off_by(penalised, posterior.used, change)
-        # Structure in the residual, and rounding, leave the geometry as uncertain as noise of this variance.
-        uncertain = max(self.variance, self.climb.structured / ON_DETECTOR, self._rounding(system) / system.samples)
+        # Structure that the drawing's precision may leave, and rounding, count as noise of this variance does.
+        drawn = self.climb.structured if system.structured <= system.source.of_drawing else 0.0
+        uncertain = max(self.variance, drawn / ON_DETECTOR, self._rounding(system) / system.samples)
         small = max(float(change @ penalised.score) / len(posterior.used), off) <= MOVED * uncertain
         whole, of_all = system.with_patches(change)
         of_poses = 0.0 if self.poses is None else pose_change(grams, whole.columns, of_all)
