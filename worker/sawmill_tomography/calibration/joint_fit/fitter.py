@@ -355,9 +355,6 @@ class JointFitter:
         if share == 0.0:
             return True
         if share < 1.0 or not small or not same or more:
-            # A further step that is small keeps the average of intensities at this point.
-            if self.averaging is not None and not more and (self.fitted or self.left_out):
-                self.model, self.averaging = _with_new_averaging(self.model, self.averaging)
             return False
         self.converged = self._settled(system, change) and not self._moved_borders(grams, penalised, posterior.used)
         return self.converged
@@ -663,8 +660,12 @@ class JointFitter:
             return False
         if self.angle_variance == 0.0 and Adjustment.ANGLE_JITTER not in self.without:
             self.angle_variance = angle_scatter(system, change, self.variance)
-            return self.angle_variance == 0.0
-        return True
+            if self.angle_variance > 0.0:
+                return False
+        if self.averaging is None or not (self.fitted or self.left_out):
+            return True
+        self.model, self.averaging = _with_new_averaging(self.model, self.averaging)[0], None
+        return False
 
     def _dropped_impossible(self, effects: Iterable[Fitted]) -> bool:
         """Drop the effects among these that are fitted and not possible; return whether there were any."""
