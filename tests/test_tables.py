@@ -37,7 +37,6 @@ PARTIAL = {
     "worker/sawmill_tomography/calibration/joint_fit/groups.py: PRIORS": "the others are no groups of columns",
     "worker/sawmill_tomography/calibration/joint_fit/scan_model.py: LARGEST": "the other terms may have any size",
     "worker/sawmill_tomography/calibration/joint_fit/scan_model.py: SKIN_DEPTHS_MM": "the other terms are no skins",
-    "worker/sawmill_tomography/calibration/joint_fit/steps.py: arms": "the other terms do not move the phantom's rim",
     "worker/sawmill_tomography/pairs/fine.py: OF_PAIR": "the other terms are of the wood, or are not fitted",
     "worker/sawmill_tomography/pairs/fine.py: OF_WOOD": "the other terms are not of the wood, or are not fitted",
     "worker/sawmill_tomography/reconstruction/choosing.py: EXPECTED_ERRORS": "`auto` takes measured methods only",

@@ -12,9 +12,9 @@ from sawmill_vocabulary.pairs import FEWEST_PAIRS, MOST_PAIRS, LocatedMark, Pair
 
 
 class LogOnPairs(Contract):
-    """What a log shows of itself, and of the pairs that it passed."""
+    """The marks of a log, and whether the pairs that it passed still agree."""
 
-    marks: list[LocatedMark] = Field(description="By height.")
+    marks: list[LocatedMark] = Field(description="The marks, ordered by height.")
     unplaced: int = Field(description="Number of marks in the pairs' pictures that are in no place.")
     agreement: PairAgreement = Field(description="Whether the pairs still agree.")
 

@@ -344,7 +344,8 @@ def check(attempt: Attempt, answer: dict[str, Any]) -> None:
 
 def run(attempt: Attempt) -> dict[str, Any]:
     given = attempt.given
-    if attempt.job.kind in {kinds.INGEST, kinds.INSPECT, kinds.TRACE_PHANTOM, kinds.CALIBRATE_PAIRS}:
+    of_files = {kinds.INGEST, kinds.INSPECT, kinds.TRACE_PHANTOM, kinds.CALIBRATE_PAIRS, kinds.LOCATE_MARKS}
+    if attempt.job.kind in of_files:
         *_, asked_for = map(first_word, given.readable)
         return BEHAVIOURS[asked_for](attempt)
     named = (each.name for each in (given.phantom, given.scanner) if each is not None and each.name in BEHAVIOURS)

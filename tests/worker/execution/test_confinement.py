@@ -11,10 +11,9 @@ from missing_parts import both_ways, skip_without
 from results import SCANNER_SPEC, THETA, succeed
 from structlog.testing import capture_logs
 
-from sawmill_contracts import fixed_pairs, kinds
+from sawmill_contracts import fixed_pairs, kinds, pair_logs
 from sawmill_contracts.calibrations import CalibrationRequest
 from sawmill_contracts.drifts import DriftRequest
-from sawmill_contracts.fixed_pairs import FixedPairsRequest
 from sawmill_contracts.geometry import GivenTheta
 from sawmill_contracts.inspections import InspectionOptions
 from sawmill_contracts.phantoms import BUILT_IN_PHANTOMS, PhantomPicture
@@ -54,8 +53,9 @@ def reported(store, start, settings, monkeypatch):
     store.plans.accept(PlanRequest(scanner_id=scanner, theta=GivenTheta(**THETA)), given={"phantom_id": "l-shape"})
     store.drifts.accept(DriftRequest(scan_id=scan, calibration_id=calibration))
     inspection = store.inspections.accept_file(InspectionOptions(), upload(), name="tell-all").id
-    pairs = fixed_pairs.DECLARATION.to_ask.example["body"] | {"inspection_ids": [inspection] * 2}
-    store.asked(fixed_pairs.DECLARATION).accept(FixedPairsRequest.model_validate(pairs))
+    for declared, name in ((fixed_pairs.DECLARATION, "pairs"), (pair_logs.DECLARATION, "log")):
+        ask = declared.to_ask.example["body"] | {"inspection_ids": [inspection] * 2}
+        store.asked(declared).accept(declared.ask.model_validate(ask), identifier=f"example-{name}")
     for path in (store.files.folder.parent / "canary", store.files.upload(kinds.INGEST, "other")):
         path.parent.mkdir(exist_ok=True)
         path.write_text("canary")

@@ -123,7 +123,7 @@ class MotionSets:
 
     @cached_property
     def _explored(self) -> list[Posterior]:
-        """Sets of motions: from several starts, next to the best of these, and with others in place of its motions."""
+        """Sets of motions: from several starts, next to the best set, and with one motion replaced."""
         groups = [*self._point.groups, *self._placed]
         motions = [group for group in groups if is_motion(group.one)]
         current, climb = self.current, self._climb
