@@ -22,7 +22,7 @@ from sawmill_store.store import Store
 from sawmill_vocabulary import PairedScanner
 from sawmill_vocabulary.pair_messages import PairMessage
 
-LISTED = 10
+LISTED, SEARCHED = 10, 200  # calibrations, or a calibration's logs; the newest logs, of which these are some
 LEAST_REACH_MM = 100.0  # of the drawings of a log's marks, from the centre
 VERDICTS = {
     "pass": ("good", marked("Done")),
@@ -88,9 +88,9 @@ def log(identifier: Identifier, page: ThePage, store: TheStore) -> HTMLResponse:
 
 def _logs(calibration: FixedPairs, store: Store) -> dict[str, Any]:
     """Return the newest logs of a calibration, and the request to which the files of another one are added."""
-    newest = store.asked(pair_logs.DECLARATION).page(limit=LISTED).items
+    newest = store.asked(pair_logs.DECLARATION).page(limit=SEARCHED).items
     return {
-        "logs": [one for one in newest if one.options.fixed_pairs_id == calibration.id],
+        "logs": [one for one in newest if one.options.fixed_pairs_id == calibration.id][:LISTED],
         "of_log": {"fixed_pairs_id": calibration.id, "data": calibration.options.data, "inspection_ids": []},
         "agreements": AGREEMENTS,
         "states": STATES,

@@ -147,7 +147,8 @@ def _of_calibration_json(source: InspectionInput, refused: InspectionResult) -> 
 
 def _size(path: Path) -> int:
     """Return the bytes of a file, or of all files in a folder."""
-    return sum(file.stat().st_size for file in (filter(Path.is_file, path.iterdir()) if path.is_dir() else [path]))
+    files = filter(Path.is_file, path.iterdir()) if path.is_dir() else [path]
+    return sum(file.stat().st_size for file in files)
 
 
 def _listed(path: Path, format_: Format | None, *, follow_links: bool) -> tuple[list[FilePart], str | None]:

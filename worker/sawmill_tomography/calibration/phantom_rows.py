@@ -31,7 +31,8 @@ def segments(stack: NDArray[np.floating]) -> list[slice]:
     usual = float(np.median(steps)) if steps.size else 0.0
     jumps = np.flatnonzero(steps > max(JUMP * usual, math.sqrt(2.0 * (1.0 - SAME_BODY)) * depth)) + 1
     edges = [0, *jumps.tolist(), stack.shape[1]]
-    return sorted((slice(first, last) for first, last in pairwise(edges)), key=lambda run: run.start - run.stop)
+    runs = [slice(first, last) for first, last in pairwise(edges)]
+    return sorted(runs, key=lambda run: run.start - run.stop)
 
 
 def shows_another_body(sinogram: FloatArray, phantom: FloatArray) -> bool:

@@ -283,7 +283,8 @@ def likely_cause(calibrated: SourceFrame, moved: DriftChange) -> Reason:
     turntable = _unexplained(moved, np.array([1.0, math.cos(tau) / calibrated.source_to_detector_mm, math.sin(tau)]))
     slide = _unexplained(moved, np.array([1.0, 0.0, 0.0]))
     if turntable <= UNEXPLAINED and not abs(moved.significance[1]) > SIGNIFICANT:
-        return (LogMessage.TURNTABLE_OR_STOPS if slide <= UNEXPLAINED else LogMessage.TURNTABLE)(column_mm=column)
+        either = LogMessage.TURNTABLE_OR_STOPS if slide <= UNEXPLAINED else LogMessage.TURNTABLE
+        return either(column_mm=column)
     if turntable <= UNEXPLAINED:
         return LogMessage.TURNTABLE_SIDEWAYS(column_mm=column)
     if slide <= UNEXPLAINED:

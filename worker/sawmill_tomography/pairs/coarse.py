@@ -60,7 +60,8 @@ def reduced_grams(
     pose = by_pose(poses, np.repeat(units[0], len(poses), 0), np.repeat(units[5:], len(poses), 1))
     chain[:, 5:] = np.swapaxes(pose, 0, 1)
     normal = gain[:, None, None] ** 2 * (chain @ left[:, :7, :7] @ np.swapaxes(chain, 1, 2))
-    return normal, gain[:, None] * (chain @ left[:, :7, -1:])[..., 0], np.maximum(left[:, -1, -1], 0.0)
+    score = gain[:, None] * (chain @ left[:, :7, -1:])[..., 0]
+    return normal, score, np.maximum(left[:, -1, -1], 0.0)
 
 
 def poses_alone(board: Phantom, data: Sequence[PairData], frames: FloatArray) -> list[list[tuple[float, FloatArray]]]:

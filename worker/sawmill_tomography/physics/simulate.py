@@ -236,7 +236,8 @@ def ray_samples(pitch_mm: float, frame: SourceFrame, effects: Physics, step_rad:
     exposed_rad = effects.motion.exposure_steps * step_rad
     blur_mm = effects.detector.blur_mm
     if not (spot_mm or exposed_rad or blur_mm):
-        return np.stack([((np.arange(RAYS) + 0.5) / RAYS - 0.5) * pitch_mm, np.zeros(RAYS), np.zeros(RAYS)], -1)
+        places = ((np.arange(RAYS) + 0.5) / RAYS - 0.5) * pitch_mm
+        return np.stack([places, np.zeros(RAYS), np.zeros(RAYS)], -1)
     pairs = BLURRED_RAYS // 2
     spots = scipy.special.ndtri(_recurrent(pairs, 1))
     times = exposed_rad * (_recurrent(pairs, 2) - 0.5)

@@ -45,7 +45,8 @@ class RowMoments:
         over = cells.astype(np.float32)
         weights = np.stack([over, over * np.linspace(-0.5, 0.5, over.size, dtype=np.float32)], axis=1)
         mass, first = np.moveaxis(np.stack([image @ weights for image in images]).astype(np.float64), 2, 0)
-        return cls(mass, (first - np.nansum(first) / (np.nansum(mass) or 1.0) * mass) * max(over.size - 1, 1))
+        centroid = np.nansum(first) / (np.nansum(mass) or 1.0)
+        return cls(mass, (first - centroid * mass) * max(over.size - 1, 1))
 
 
 def shifts_by_mass(moments: RowMoments, angles_rad: FloatArray) -> row_shifts.RowShifts:

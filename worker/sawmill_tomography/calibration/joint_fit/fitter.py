@@ -655,7 +655,7 @@ class JointFitter:
         return False
 
     def _settled(self, system: System, change: FloatArray) -> bool:
-        """Return whether effects are possible and all scatter is fitted; change the model otherwise."""
+        """Return whether effects are possible, all scatter is fitted, averaging follows; else change the model."""
         if self._dropped_impossible(self.fitted):
             return False
         if self.angle_variance == 0.0 and Adjustment.ANGLE_JITTER not in self.without:

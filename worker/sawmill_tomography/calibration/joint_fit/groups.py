@@ -179,7 +179,8 @@ def log_evidence(
     values, vectors = np.linalg.eigh(information)
     square, s = (score[..., None, :] @ vectors) ** 2, sizes[..., None] ** 2
     more = s * np.maximum(values, 0.0)[..., None, :]
-    return np.asarray(log_odds - math.log(SIZES) + 0.5 * (s * square / (1.0 + more) - np.log1p(more)).sum(axis=-1))
+    likelihood = 0.5 * (s * square / (1.0 + more) - np.log1p(more)).sum(axis=-1)
+    return np.asarray(log_odds - math.log(SIZES) + likelihood)
 
 
 @dataclass(frozen=True, eq=False)

@@ -223,7 +223,8 @@ class PairSums:
     def slopes(self, vector: FloatArray, differences: FloatArray, unknowns: int) -> FloatArray:
         """Return the derivatives, (pairs, unknowns), of `differences` at `vector` by the first of u_c, tau and SDD."""
         steps = np.diag(DIFFERENCES)[:unknowns]
-        return np.stack([(self.differences(vector + step) - differences) / step.sum() for step in steps], axis=1)
+        slopes = [(self.differences(vector + step) - differences) / step.sum() for step in steps]
+        return np.stack(slopes, axis=1)
 
     def whitening(self, vector: FloatArray, patterns: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return a matrix that whitens the differences, (at most pairs, pairs), and the effect of gains (pairs, views).

@@ -421,4 +421,5 @@ def _scaled(
         for chi, number in ((noise, free), (chi_squared - noise, of_gains))
     ]
     by_flat_field = max(0.0, 1.0 - widths[0]) * (to_unknowns @ of_flat_field @ to_unknowns.T)
-    return widths[0] * (covariance - by_gains) + widths[1] * by_gains + by_flat_field, chi_squared, noise / free
+    scaled = widths[0] * (covariance - by_gains) + widths[1] * by_gains + by_flat_field
+    return scaled, chi_squared, noise / free
