@@ -89,7 +89,7 @@ def shadow(numbers: Numbers) -> None:
     if numbers.one() > 500.0:
         edges, discs = numbers(6, 5), numbers(2, 4)
     # Two modules of any geometry.
-    frames = np.array([(0, 3, psi, big_r, sdd, u_c, tau, *numbers(6)), (3, CELLS, psi, big_r, *numbers(9))])
+    frames = np.array([(0, 3, psi, big_r, sdd, u_c, tau, *numbers(8)), (3, CELLS, psi, big_r, *numbers(11))])
     t_x, t_y = 0.01 * numbers(VIEWS), 0.01 * numbers(VIEWS)
     for rays in (0, 2):
         arguments = (edges, discs, frames, t_x, t_y, numbers(VIEWS), first, pitch, rays)

@@ -97,7 +97,7 @@ def test_the_mean_over_a_cell_is_the_mean_of_many_rays(phantom, cells, frame, fu
 @by_name
 def test_the_derivative_is_the_slope_of_the_projection(phantom, cells, frame, irregular_turn):
     angles = irregular_turn(13, 201)
-    rows = analytic.project_with_deformations(phantom, cells, frame, angles, position_mm=(3.0, -2.0))
+    rows = analytic.project(phantom, cells, frame, angles, position_mm=(3.0, -2.0), derivatives=True)
     slopes, value = rows[:7], rows[7]
     np.testing.assert_allclose(
         value, analytic.project(phantom, cells, frame, angles, position_mm=(3.0, -2.0)), atol=1e-9
@@ -118,7 +118,7 @@ def test_the_derivative_is_the_slope_of_the_projection(phantom, cells, frame, ir
 def test_the_gram_matrices_are_the_inner_products_of_the_derivatives(cells, frame, full_turn):
     angles = full_turn(5)
     data = np.random.default_rng(202).standard_normal((5, cells.count))
-    rows = analytic.project_with_deformations(OVERLAPPING, cells, frame, angles, position_mm=(1.0, 2.0))
+    rows = analytic.project(OVERLAPPING, cells, frame, angles, position_mm=(1.0, 2.0), derivatives=True)
     rows = np.concatenate([rows[:8], np.ones_like(data)[None], data[None]])
     expected = np.einsum("pkm,qkm->kpq", rows, rows)
     grams = analytic.gram(OVERLAPPING, cells, frame, angles, data, position_mm=(1.0, 2.0))
@@ -130,7 +130,7 @@ def test_the_gram_matrices_are_the_inner_products_of_the_derivatives(cells, fram
 def test_whole_cells_are_summed_over_the_edges_as_single_rays_are_edge_by_edge(cells, frame, full_turn):
     angles, position = full_turn(12) + 0.3, (3.0, -2.0)
     means, single = (
-        analytic.project_with_deformations(L_SHAPE, cells, frame, angles, position_mm=position, rays_per_cell=rays)
+        analytic.project(L_SHAPE, cells, frame, angles, position_mm=position, rays_per_cell=rays, derivatives=True)
         for rays in (None, 1)
     )
     alike = (np.abs(means - single) <= 1e-12 * np.abs(single).max(axis=(1, 2), keepdims=True)).all(axis=0)
@@ -143,7 +143,7 @@ def test_the_derivatives_by_aspect_and_shear_are_those_of_a_deformed_body(cells,
     angles, position = full_turn(7), np.linspace((0.0, 3.0), (5.0, -2.0), 7)
     # Discs become polygons when they are deformed: a body of polygons, so that both ends have the same shape.
     body = OVERLAPPING.deformed(1e-9, 0.0)
-    rows = analytic.project_with_deformations(body, cells, frame, angles, position_mm=position)
+    rows = analytic.project(body, cells, frame, angles, position_mm=position, derivatives=True)
     ends = [
         analytic.project(body.deformed(sign * aspect, sign * shear), cells, frame, angles, position_mm=position)
         for sign in (1.0, -1.0)
@@ -155,7 +155,7 @@ def test_the_derivatives_by_aspect_and_shear_are_those_of_a_deformed_body(cells,
 def test_a_disc_s_derivatives_by_aspect_and_shear_are_those_of_its_polygon(cells, frame, full_turn):
     disc = Phantom("disc", (Disc((30.0, -20.0), 60.0),))
     rows, cornered = (
-        analytic.project_with_deformations(body, cells, frame, full_turn(5)) for body in (disc, disc.deformed(1e-9, 0))
+        analytic.project(body, cells, frame, full_turn(5), derivatives=True) for body in (disc, disc.deformed(1e-9, 0))
     )
     # Of 96 corners: chords near the rim differ by up to a twentieth of a per cent of the radius.
     for row in (10, 11):

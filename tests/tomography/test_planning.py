@@ -10,7 +10,7 @@ from sawmill_tomography.geometry.geometry import FanBeamGeometry, GeometryError,
 from sawmill_tomography.geometry.ray_error import ray_error
 from sawmill_tomography.phantoms.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
 from sawmill_tomography.phantoms.phantom import Disc, Phantom, PhantomError
-from sawmill_tomography.projection.analytic import DetectorCells, project_with_deformations
+from sawmill_tomography.projection.analytic import DetectorCells, project
 from sawmill_tomography.projection.simulate import simulate_sinogram
 from sawmill_vocabulary import Handedness, Rotation
 
@@ -38,8 +38,8 @@ def test_the_l_shape_s_bound_is_the_one_known_from_elsewhere(fan, views, distanc
 def test_the_bound_is_the_inverse_of_the_stored_derivatives(fan):
     """The same from the whole Jacobian, gain and background among the unknowns, by plain least squares."""
     geometry = fan(20)
-    *slopes, model = project_with_deformations(
-        RECTANGLE_WITH_HOLE, DetectorCells.of(geometry.scanner), geometry.frame, geometry.angles_rad
+    *slopes, model = project(
+        RECTANGLE_WITH_HOLE, DetectorCells.of(geometry.scanner), geometry.frame, geometry.angles_rad, derivatives=True
     )[:8]
     jacobian = np.stack([*slopes, model, np.ones_like(model)], -1).reshape(-1, 9)
     scale = np.linalg.norm(jacobian, axis=0)

@@ -38,7 +38,7 @@ def _calibration() -> None:
     hardened = sinogram - 0.3 * sinogram**3 / sinogram.max() ** 2
     calibrate(CalibrationTask(SCANNER, L_SHAPE, hardened, geometry.angles_rad))
     # For wood that is not as it was drawn.
-    analytic.project_with_deformations(L_SHAPE, DetectorCells.of(SCANNER), geometry.frame, geometry.angles_rad)
+    analytic.project(L_SHAPE, DetectorCells.of(SCANNER), geometry.frame, geometry.angles_rad, derivatives=True)
 
 
 def _slices() -> None:

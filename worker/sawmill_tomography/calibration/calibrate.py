@@ -182,9 +182,9 @@ def _with_shown_angles(
     if not ranked or task.of_passages or not {Adjustment.PACE, Adjustment.SLIP}.isdisjoint(task.without):
         return task, ranked, ()
     before = _plain(task, ranked[0], on_step).unexplained
-    if before <= WELL_EXPLAINED:
-        return task, ranked, ()
-    shown = shown_angles(task, ranked[0], None if before < EXPLAINED else seed, on_step)
+    shown = None
+    if before > WELL_EXPLAINED:
+        shown = shown_angles(task, ranked[0], None if before < EXPLAINED else seed, on_step)
     if shown is None:
         return task, ranked, ()
     shown_task = replace(task, angles_rad=shown.angles_rad)

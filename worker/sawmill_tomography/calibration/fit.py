@@ -16,6 +16,7 @@ from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.geometry.fit_parameters import RAYS, FitParameter, GramTerm
 from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, SourceFrame, to_vector, wrap_angle
 from sawmill_tomography.phantoms.phantom import Phantom
+from sawmill_tomography.projection.analytic import project
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,12 @@ class FittedModel:
     def to_vector(self) -> FloatArray:
         """Return the seven unknowns, (7,), in the order of `FitParameter`."""
         return np.concatenate([to_vector(self.frame), self.position_mm])
+
+    def prediction(self, phantom: Phantom, data: SinogramData) -> FloatArray:
+        """Compute the sinogram (views, cells) that the phantom has at the angles of the data."""
+        cells, rays, at = data.cells, data.rays_per_cell, self.position_mm
+        lengths = project(phantom, cells, self.frame, data.angles_rad, position_mm=at, rays_per_cell=rays)
+        return self.gain * lengths + self.offset
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,6 @@ from sawmill_tomography.calibration.task import CalibrationTask, PoseHypothesis
 from sawmill_tomography.geometry.fit_parameters import FitParameter, GramTerm
 from sawmill_tomography.geometry.geometry import TAU, FloatArray
 from sawmill_tomography.phantoms.phantom import Phantom
-from sawmill_tomography.projection.analytic import project
 from sawmill_vocabulary import Adjustment, Rotation
 from sawmill_vocabulary.messages import Reason
 from sawmill_vocabulary.scan_messages import EffectMessage
@@ -108,8 +107,10 @@ def _coarse_fits(task: CalibrationTask, seed: int, on_step: OnStep) -> list[tupl
         )
         if fit is not None:
             fits.append((RankedFit(hypothesis, fit), choices[number]))
-    least = min((ranked.fit.relative_residual for ranked, _ in fits), default=0.0)
-    return [one for one in fits if one[0].fit.relative_residual <= CONTENDER * least]
+    # The first of the choices are the angles given: choices that explain no more are not what the views show.
+    given = [ranked.fit.relative_residual for ranked, angles in fits if np.array_equal(angles, choices[0])]
+    most = min([CONTENDER * ranked.fit.relative_residual for ranked, _ in fits] + given, default=0.0)
+    return [one for one in fits if one[0].fit.relative_residual < most]
 
 
 def _measured(task: CalibrationTask, start: RankedFit, angles_rad: FloatArray, on_step: OnStep) -> AnglesOfViews | None:
@@ -157,15 +158,7 @@ def _counted(from_first: FloatArray, lost: FloatArray) -> FloatArray:
 
 def _misfit_by_view(phantom: Phantom, data: SinogramData, fit: Fit) -> FloatArray:
     """Return the sum of squares that the model of a fit leaves in each view at the data's angles, (views,)."""
-    shadow = project(
-        phantom,
-        data.cells,
-        fit.frame,
-        data.angles_rad,
-        position_mm=fit.position_mm,
-        rays_per_cell=data.rays_per_cell,
-    )
-    squares = (data.sinogram - fit.gain * shadow - fit.offset) ** 2
+    squares = (data.sinogram - fit.prediction(phantom, data)) ** 2
     return np.asarray((squares if data.weights is None else data.weights * squares).sum(axis=1))
 
 

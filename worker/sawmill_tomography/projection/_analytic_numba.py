@@ -6,7 +6,7 @@ a = (w cos tau, SDD + w sin tau), w = u - u_c. An edge A -> B is met at the dist
 X = q_A x q_B and Y = a x (q_B - q_A); the chord of a polygon is minus the sum of these over its edges, each signed
 by the direction in which it runs over the detector.
 
-Lines (modules, 13) are `DetectorCells.lines`: every module of the detector is a flat line with an SDD, u_c and tau of
+Lines (modules, 15) are `DetectorCells.lines`: every module of the detector is a flat line with an SDD, u_c and tau of
 its own.
 """
 
@@ -92,19 +92,28 @@ def _bend(edge, c_b, s_b, qax, qay, qbx, qby):
 
 
 @njit(fastmath=_FAST, error_model="numpy")
-def _line(edge, big_r, sdd, u_c, t_x, t_y, c_tau, s_tau, c_b, s_b, derivative, line):
-    """Fill X, the edge's vector, its density signed by its direction on the detector, its ends there, `_bend`."""
-    xa, ya = edge[0] + t_x, edge[1] + t_y
-    xb, yb = edge[2] + t_x, edge[3] + t_y
-    qax, qay = c_b * xa + s_b * ya, c_b * ya - s_b * xa + big_r
-    qbx, qby = c_b * xb + s_b * yb, c_b * yb - s_b * xb + big_r
-    ua = u_c + sdd * qax / (qay * c_tau - qax * s_tau)
-    ub = u_c + sdd * qbx / (qby * c_tau - qbx * s_tau)
-    line[0], line[1], line[2] = qax * qby - qay * qbx, qbx - qax, qby - qay
-    line[3] = -edge[4] if ub > ua else edge[4]
-    line[4], line[5] = min(ua, ub), max(ua, ub)
-    if derivative > 1:
-        line[6], line[7], line[8], line[9], line[10], line[11] = _bend(edge, c_b, s_b, qax, qay, qbx, qby)
+def _seen(edges, big_r, t_x, t_y, c_b, s_b, derivative, seen, tangents):
+    """Fill what all modules see of each edge, and the tangents (2, edges) of the angles from the COR to its ends.
+
+    The least and the largest tangent are returned.
+    `seen` (edges, 12): X, the edge's vector, its density signed by its direction on the detector; its ends on a module,
+    which are left to that; `_bend`.
+    """
+    low, high = math.inf, -math.inf
+    for e in range(len(edges)):
+        edge, line = edges[e], seen[e]
+        xa, ya = edge[0] + t_x, edge[1] + t_y
+        xb, yb = edge[2] + t_x, edge[3] + t_y
+        qax, qay = c_b * xa + s_b * ya, c_b * ya - s_b * xa + big_r
+        qbx, qby = c_b * xb + s_b * yb, c_b * yb - s_b * xb + big_r
+        ta, tb = qax / qay, qbx / qby
+        line[0], line[1], line[2] = qax * qby - qay * qbx, qbx - qax, qby - qay
+        line[3] = -edge[4] if tb > ta else edge[4]
+        tangents[0, e], tangents[1, e] = min(ta, tb), max(ta, tb)
+        if derivative > 1:
+            line[6], line[7], line[8], line[9], line[10], line[11] = _bend(edge, c_b, s_b, qax, qay, qbx, qby)
+        low, high = min(low, tangents[0, e]), max(high, tangents[1, e])
+    return low, high
 
 
 @njit(fastmath=_FAST, error_model="numpy")
@@ -196,24 +205,31 @@ def _part_of_cell(line, m, a, b, pitch, big_r, sdd, u_c, c_tau, s_tau, c_b, s_b,
 
 
 @njit(fastmath=_FAST, error_model="numpy")
-def _edges(edges, line_of_cells, t_x, t_y, c_b, s_b, u_first, pitch, cells, rays, row, derivative):
-    """Add all polygons' edges to a module's cells of one view: whole cells by sums over the edges, parts each."""
+def _edges(seen, tangents, line_of_cells, c_b, s_b, u_first, pitch, cells, rays, row, derivative, over, centre, sums):
+    """Add all polygons' edges to a module's cells of one view: whole cells by sums over the edges, parts each.
+
+    `over` (edges,), `centre` (cells,) and `sums` (3, SUMS + 1, cells) are filled.
+    """
     from_cell, to_cell = int(line_of_cells[0]), int(line_of_cells[1])
     big_r, sdd, u_c = line_of_cells[3], line_of_cells[4], line_of_cells[5]
     c_tau, s_tau = math.cos(line_of_cells[6]), math.sin(line_of_cells[6])
     u_from, u_to = u_first + from_cell * pitch, u_first + to_cell * pitch
-    lines = np.empty((len(edges), 12))
-    low, high = math.inf, -math.inf
-    for e in range(len(edges)):
-        _line(edges[e], big_r, sdd, u_c, t_x, t_y, c_tau, s_tau, c_b, s_b, derivative, lines[e])
-        low, high = min(low, lines[e, 4]), max(high, lines[e, 5])
+    low, high, count = math.inf, -math.inf, 0
+    for e in range(len(seen)):
+        over[count] = e
+        count += tangents[1, e] > line_of_cells[13] and tangents[0, e] < line_of_cells[14]
+    for e in over[:count]:
+        line = seen[e]
+        line[4] = u_c + sdd * tangents[0, e] / (c_tau - tangents[0, e] * s_tau)
+        line[5] = u_c + sdd * tangents[1, e] / (c_tau - tangents[1, e] * s_tau)
+        low, high = min(low, line[4]), max(high, line[5])
     first = min(max(from_cell, _cell_under(low, u_first, pitch, cells)), to_cell)
     last = max(first, min(to_cell, _cell_under(high, u_first, pitch, cells) + 1))
-    centre, sums, nodes = np.empty(cells), np.empty((3, SUMS + 1, cells)), 0
+    nodes = 0
     for m in range(first, last):
         centre[m] = u_first + (m + 0.5) * pitch - u_c
-    for e in range(len(edges)):
-        line = lines[e]
+    for e in over[:count]:
+        line = seen[e]
         low, high = max(line[4], u_from), min(line[5], u_to)
         if not (line[5] - line[4] >= 1e-9 and high > low):
             continue
@@ -385,9 +401,12 @@ def _view(k, edges, discs, lines, t_x, t_y, angles, u_first, pitch, cells, rays,
     c_b = math.cos(beta)
     s_b = math.sin(beta)
     x, y = t_x[k], t_y[k]
+    seen, tangents, over = np.empty((len(edges), 12)), np.empty((2, len(edges))), np.empty(len(edges), np.int64)
+    centre, sums = np.empty(cells), np.empty((3, SUMS + 1, cells))
+    low, high = _seen(edges, lines[0, 3], x, y, c_b, s_b, derivative, seen, tangents)
     for j in range(lines.shape[0]):
-        if len(edges) > 0:
-            _edges(edges, lines[j], x, y, c_b, s_b, u_first, pitch, cells, rays, row, derivative)
+        if high > lines[j, 13] and low < lines[j, 14]:
+            _edges(seen, tangents, lines[j], c_b, s_b, u_first, pitch, cells, rays, row, derivative, over, centre, sums)
         for i in range(discs.shape[0]):
             _disc(discs[i], lines[j], x, y, c_b, s_b, u_first, pitch, cells, rays, row, derivative, left, right)
         if derivative and lines.shape[0] > 1:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
+from numpy.typing import ArrayLike
 
 from sawmill_tomography.geometry.detector_shape import detector_lines
 from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, Scanner, SourceFrame, to_vector
@@ -53,11 +54,15 @@ class DetectorCells:
         return replace(self, width_mm=self.width_mm / parts, count=self.count * parts, modules=modules)
 
     def lines(self, frame: SourceFrame) -> FloatArray:
-        """Return a row for each flat piece: first cell, end, source frame (5,), slopes of SDD (3,) and of u_c (3,)."""
+        """Return a row (15,) for each flat piece.
+
+        First cell, end, source frame (5,), slopes of SDD (3,) and of u_c (3,), tangents of the angles from the COR to
+        both ends.
+        """
         arc = self.arc_radius_mm
         if arc is None and not self.modules and not self.waves_mm:
             # The line of the frame, whose SDD and u_c are their own slopes.
-            return np.array([[0.0, self.count, *to_vector(frame), 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]])
+            return self._with_tangents([[0.0, self.count, *to_vector(frame), 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]])
         cells = 1 if arc is None else max(1, int(math.sqrt(8.0 * DEEPEST_MM * arc) / self.width_mm))
         lines = detector_lines(
             self.modules,
@@ -70,7 +75,15 @@ class DetectorCells:
             waves_mm=self.waves_mm,
         )
         of_all = np.broadcast_to([frame.psi_rad, frame.source_distance_mm], (len(lines.first), 2))
-        return np.column_stack([lines.first, lines.end, of_all, *lines[2:]])
+        return self._with_tangents(np.column_stack([lines.first, lines.end, of_all, *lines[2:]]))
+
+    def _with_tangents(self, rows: ArrayLike) -> FloatArray:
+        lines = np.asarray(rows)
+        sdd, column, tilt = lines[:, 4:7].T[..., None]
+        along = self.first_border_mm + self.width_mm * lines[:, :2] - column
+        # An end behind the source counts as one at its side.
+        ahead = np.maximum(sdd + along * np.sin(tilt), 1e-9 * sdd)
+        return np.concatenate([lines, along * np.cos(tilt) / ahead], axis=1)
 
 
 def clears(phantom_radius_mm: float, frame: SourceFrame) -> bool:
@@ -95,8 +108,9 @@ def project(
     *,
     position_mm: Position = (0.0, 0.0),
     rays_per_cell: int | None = None,
+    derivatives: bool = False,
 ) -> FloatArray:
-    """Compute the phantom's sinogram.
+    """Compute the phantom's sinogram, or that and its derivatives by the geometry and by deformations of the wood.
 
     Parameters
     ----------
@@ -110,11 +124,15 @@ def project(
         View angles in the scanner's sense of rotation.
     rays_per_cell : int, optional
         Number of equidistant rays for each cell; by default the mean over the whole cell.
+    derivatives : bool
+        Whether the derivatives are computed.
 
     Returns
     -------
-    (views, cells) float64
-        Line integrals, mm times density.
+    (views, cells) or (12, views, cells) float64
+        Line integrals, mm times density. With derivatives: those by (psi, R, SDD, u_c, tau, t_x, t_y); the line
+        integrals; the first moments (integrals of x and of y along the ray); the derivatives by aspect (x longer and y
+        shorter by half of it, in the drawing's axes, about its origin) and by shear.
 
     Raises
     ------
@@ -122,32 +140,10 @@ def project(
         If the phantom reaches the source.
     """
     _check(phantom, frame, position_mm)
-    out = np.empty((angles_rad.size, cells.count))
+    out = np.empty((*(kernels.ROWS,) * derivatives, angles_rad.size, cells.count))
     kernel = kernels.project_in_one_thread if out.size < WORTH_THREADS else kernels.project
+    kernel = kernels.project_with_deformations if derivatives else kernel
     kernel(*kernel_arguments(phantom, cells, frame, angles_rad, position_mm, rays_per_cell), out)
-    return out
-
-
-def project_with_deformations(
-    phantom: Phantom,
-    cells: DetectorCells,
-    frame: SourceFrame,
-    angles_rad: FloatArray,
-    *,
-    position_mm: Position = (0.0, 0.0),
-    rays_per_cell: int | None = None,
-) -> FloatArray:
-    """Compute `project`, and its derivatives by the geometry and the wood's deformations: (12, views, cells).
-
-    Rows: the derivatives by (psi, R, SDD, u_c, tau, t_x, t_y); the projection; the first moments (integrals of x and of
-    y along the ray); the derivatives by aspect (x longer and y shorter by half of it, in the drawing's axes, about its
-    origin) and by shear.
-    """
-    _check(phantom, frame, position_mm)
-    out = np.empty((kernels.ROWS, angles_rad.size, cells.count))
-    kernels.project_with_deformations(
-        *kernel_arguments(phantom, cells, frame, angles_rad, position_mm, rays_per_cell), out
-    )
     return out
 
 

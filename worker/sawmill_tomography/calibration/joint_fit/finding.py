@@ -14,7 +14,6 @@ from sawmill_tomography.calibration.joint_fit.selection import FITTED, chance_li
 from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.phantoms.phantom import Phantom
-from sawmill_tomography.projection import analytic
 from sawmill_tomography.statistics import noise_of_differences
 from sawmill_vocabulary import Adjustment
 
@@ -73,15 +72,7 @@ class AdjustedFit:
     @cached_property
     def model(self) -> FloatArray:
         """Model sinogram (views, cells)."""
-        lengths = analytic.project(
-            self.phantom,
-            self.data.cells,
-            self.fit.frame,
-            self.data.angles_rad,
-            position_mm=self.fit.position_mm,
-            rays_per_cell=self.data.rays_per_cell,
-        )
-        return self.fit.gain * lengths + self.fit.offset
+        return self.fit.prediction(self.phantom, self.data)
 
     @cached_property
     def unexplained(self) -> float:

@@ -7,7 +7,7 @@ those that are fitted (`groups.py`); the ends of several climbs are the sets of 
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
-from itertools import accumulate, chain, pairwise
+from itertools import accumulate, chain, compress, pairwise
 
 import numpy as np
 
@@ -75,6 +75,10 @@ from sawmill_vocabulary import Adjustment, DetectorModule
 from sawmill_vocabulary.scan_messages import AdjustmentMessage
 
 ROUNDS = 12
+# A fit that has not ended by this round is looked at for patches of the wood: until they are fitted, other effects
+# explain the wood, and leave again (benchmarks/families.py: fewer rounds take patches for what motions explain). The
+# borders of modules take more rounds, in which patches would explain what they leave.
+UNIFORM = 4
 VIEW_ROUNDS = 3
 # Groups join in the first JOINING rounds, at most MOST_JOINING in each: what several explain together is only known to
 # first order.
@@ -118,18 +122,21 @@ def fit_jointly(
     fitter = JointFitter(prepared.by_noise, frozenset(without))
     if fitter.left_out:
         fitter.find_poses(on_step)
-    fitter.fit(on_step)
-    fitter.go_over(on_step, 1)
-    if fitter.shows(OF_WOOD):
-        fitter.widen()
+    fitter.fit(on_step, UNIFORM)
+    varies = not fitter.ended and not fitter.found_modules and fitter.shows_varying_density()
+    if not varies:
         fitter.fit(on_step)
-    if Adjustment.WOOD_DENSITY not in without and fitter.shows_varying_density():
+        fitter.go_over(on_step, 1)
+        if fitter.shows(OF_WOOD):
+            fitter.widen()
+            fitter.fit(on_step)
+        varies = fitter.shows_varying_density()
+    if varies:
         fitter.widen(patches=True)
         fitter.fit(on_step)
         if fitter.left_out:
             # Wood of one density may have taken the other of two likely rolls.
             fitter.find_poses(on_step)
-            fitter.rounds = 0
             fitter.fit(on_step)
     fitter.go_over(on_step, 1 if fitter.of_patches else OTHER_SETS)
     return fitter.result()
@@ -142,9 +149,8 @@ def fit_consistent_views(
     joint = fit_jointly(prepared, without, on_step)
     if prepared.of_passages and Adjustment.OUTLIERS not in without:
         # Before the poses are known, each view that stands elsewhere is an outlier.
-        weighted = with_less_weight(prepared, prepared, joint.model.residual)
-        joint = joint if weighted is prepared else fit_jointly(weighted, without, on_step)
-        prepared = weighted
+        before, prepared = prepared, with_less_weight(prepared, prepared, joint.model.residual)
+        joint = joint if prepared is before else fit_jointly(prepared, without, on_step)
     left_out = np.zeros(len(prepared.data.sinogram), bool)
     for _ in range(VIEW_ROUNDS if Adjustment.OUTLIERS not in without else 0):
         inconsistent = (
@@ -157,11 +163,10 @@ def fit_consistent_views(
         joint = fit_jointly(remaining, without, on_step)
     if not left_out.any():
         return prepared, joint
-    remaining = replace(
-        prepared, adjustments=(*prepared.adjustments, AdjustmentMessage.INCONSISTENT_VIEWS(views=int(left_out.sum())))
-    )
+    adjustments = (*prepared.adjustments, AdjustmentMessage.INCONSISTENT_VIEWS(views=int(left_out.sum())))
     # A further fit finds the modules again, with their errors.
-    return replace(remaining, data=replace(joint.model.data, cells=prepared.data.cells)), joint
+    data = replace(joint.model.data, cells=prepared.data.cells)
+    return replace(prepared, data=data, adjustments=adjustments), joint
 
 
 class JointFitter:
@@ -188,13 +193,10 @@ class JointFitter:
         self.variation: Variation | None = None
         self.of_wood = self.of_patches = False
         self.known_modules = {module.first_cell for module in prepared.data.cells.modules}
-        for module in prepared.data.cells.modules:
-            self.waiting.append(self._of_module(module, 1.0))
-        self.prepared_cells = prepared.data.cells
-        arc, waves = self._places_of_cells()
-        self.declared_places = [arc] if self.prepared_cells.arc_radius_mm is not None else []
-        self.declared_places += [waves] if self.prepared_cells.waves_mm else []
-        self.waiting += self.declared_places
+        self.prepared_cells = cells = prepared.data.cells
+        # An arc, and waves.
+        self.declared_places = [*compress(self._places_of_cells(), (cells.arc_radius_mm is not None, cells.waves_mm))]
+        self.waiting += [*(self._of_module(module, 1.0) for module in cells.modules), *self.declared_places]
         self.unneeded: set[int] = set()
         self.searched: tuple[ViewGrams, list[int], ModuleSearch] | None = None
         self.placed: tuple[ScanModel, dict[DetectorModule, ModulePlaces]] = self.model, {}
@@ -210,7 +212,7 @@ class JointFitter:
         self.angle_variance, self.variance, self.converged = 0.0, 0.0, False
         self.correlation = 0.0
         self.sets: MotionSets | None = None
-        self.rounds, self.gone = 0, set[Fitted]()
+        self.rounds, self.ended, self.gone = 0, False, set[Fitted]()
 
     def _of_effects(self, effects: Sequence[Effect]) -> list[Fitted]:
         return [
@@ -220,15 +222,17 @@ class JointFitter:
         ]
 
     def find_poses(self, on_step: OnStep) -> None:
-        """Find the poses of single views before any effect."""
+        """Find the poses of single views before any step."""
+        self.rounds, self.ended = 0, False
         self.model = with_view_poses(self.model, self.base, ROUNDS, on_step)
         if self.averaging is not None:
             self.model, self.averaging = _with_new_averaging(self.model, self.averaging)
             self.model = with_view_poses(self.model, self.base, ROUNDS, on_step)
 
-    def fit(self, on_step: OnStep) -> None:
-        """Take steps until the fit has ended."""
-        while self.rounds < ROUNDS and not self.round():
+    def fit(self, on_step: OnStep, most: int = ROUNDS) -> None:
+        """Take steps until the fit has ended, or up to this round."""
+        while self.rounds < most and not self.ended:
+            self.ended = self.round()
             on_step()
 
     def shows(self, effects: Sequence[Effect]) -> bool:
@@ -248,9 +252,13 @@ class JointFitter:
         return any(tester.tested(range(start, end)).is_beyond_chance(BEYOND_CHANCE) for start, end in pairwise(ends))
 
     def shows_varying_density(self) -> bool:
-        """Return whether some of the views show, next to a fit that has ended, that the wood's density varies."""
+        """Return whether some of the views show, next to the last step, that the wood's density varies."""
         system, posterior, *_ = self.last
-        if self._within_drawing or system.structured / STRUCTURES <= system.variance(posterior.used):
+        if (
+            Adjustment.WOOD_DENSITY in self.without
+            or self._within_drawing
+            or system.structured / STRUCTURES <= system.variance(posterior.used)
+        ):
             return False
         model = self.model.every(self._screening_step)
         grams = ViewGrams(model, of_wood=self.of_wood, of_patches=True)
@@ -286,7 +294,7 @@ class JointFitter:
             self.waiting += self._of_effects(OF_WOOD)
             self.of_wood = True
         self.of_patches = self.of_patches or patches
-        self.rounds, self.gone = 0, set[Fitted]()
+        self.rounds, self.ended, self.gone = 0, False, set[Fitted]()
 
     def go_over(self, on_step: OnStep, most: int) -> None:
         """Go on from a set of motions that is likelier than the fitted one, at most this often."""
@@ -295,10 +303,10 @@ class JointFitter:
             if likelier is None:
                 return
             self._adopt(likelier)
-            here = {module.first_cell for module in self.model.data.cells.modules}
-            further = [DetectorModule(cell) for cell in sorted(first_cells_of(self.fitted) - here)]
-            self.model = with_modules(self.model, (*self.model.data.cells.modules, *further))
-            self.rounds = 0
+            here = self.model.data.cells.modules
+            further = first_cells_of(self.fitted) - {module.first_cell for module in here}
+            self.model = with_modules(self.model, (*here, *map(DetectorModule, sorted(further))))
+            self.rounds, self.ended = 0, False
             self.fit(on_step)
 
     def _motion_sets(self) -> MotionSets:
@@ -306,8 +314,9 @@ class JointFitter:
         _, posterior, change, grams, _ = self.last
         if self.sets is None or self.sets.current.sizes is not posterior.sizes:
             climb = Climb(self.model, self.climb.structured, self.scatter)
-            point = FitPoint(climb, grams, posterior, self.groups, change, self.without, self._within_drawing)
-            self.sets = MotionSets(point)
+            self.sets = MotionSets(
+                FitPoint(climb, grams, posterior, self.groups, change, self.without, self._within_drawing)
+            )
         return self.sets
 
     def round(self) -> bool:
@@ -487,7 +496,7 @@ class JointFitter:
         return with_modules(self.model, (one for one in self.model.data.cells.modules if one.first_cell in kept))
 
     @property
-    def _found_modules(self) -> list[tuple[Fitted, DetectorModule]]:
+    def found_modules(self) -> list[tuple[Fitted, DetectorModule]]:
         """The effects of the modules that were found, each with its module."""
         modules = {one.first_cell: one for one in self.model.data.cells.modules}
         found = ((one, cell) for one in self.fitted for cell in first_cells_of([one]) - self.known_modules)
@@ -516,9 +525,8 @@ class JointFitter:
 
     def _further_places(self, grams: ViewGrams, system: System, posterior: Posterior) -> bool:
         """Let an arc and waves of the cells join in the next round, where they are likely; return whether any may."""
-        kinds = [Adjustment.MODULES, Adjustment.CELL_PLACES]
         few = len(self.model.data.angles_rad) < FEWEST_VIEWS or self.rounds >= JOINING
-        if few or any(kind in self.without for kind in kinds):
+        if few or not self.without.isdisjoint((Adjustment.MODULES, Adjustment.CELL_PLACES)):
             return False
         further, likely = [], False
         for one in self._places_of_cells():
@@ -582,7 +590,7 @@ class JointFitter:
         variance = self._variance_on_detector(system, used)
         if variance <= 0.0:
             return
-        search, found = self._module_search(grams, system, used), [module for _, module in self._found_modules]
+        search, found = self._module_search(grams, system, used), [module for _, module in self.found_modules]
         hidden = tuple(search.hidden(variance))
         yield hidden
         # A detector that shows none hides further ones as far as the first does not take the evidence: the wood's
@@ -622,10 +630,10 @@ class JointFitter:
 
     def _relocated_modules(self, grams: ViewGrams, system: System, used: list[int]) -> bool:
         """Move a found module to where it explains more next to all that joined later; return whether one has moved."""
-        if not self._found_modules or self.rounds > JOINING:
+        if not self.found_modules or self.rounds > JOINING:
             return False
         search, by_chance = self._module_search(grams, system, used), self._module_by_chance(system, used)
-        for one, module in self._found_modules:
+        for one, module in self.found_modules:
             better = search.relocated(module, by_chance)
             if better != module.first_cell:
                 others = [other for other in self.model.data.cells.modules if other.first_cell != module.first_cell]
@@ -646,7 +654,7 @@ class JointFitter:
         """Move the border of a found module to the likeliest place; return whether one has moved."""
         if self.rounds >= LATEST_MOVE:
             return False
-        for one, module in self._found_modules:
+        for one, module in self.found_modules:
             places = self._places_of(module, grams, system, used)
             if places and (best := places.best)[0].first_cell != module.first_cell:
                 found, model, _ = best
@@ -690,8 +698,9 @@ def _shown_but_declined(
     """Yield the effects that the scan shows, and that the user switched off."""
     tester = EffectTester(system, used)
     for one in tried:
-        declined = one.effect.adjustment in without
-        if declined and (test := tester.tested(one.places)).is_beyond_chance(FITTED / one.trials):
+        if one.effect.adjustment in without and (
+            (test := tester.tested(one.places)).is_beyond_chance(FITTED / one.trials)
+        ):
             yield one, test
 
 

@@ -16,7 +16,6 @@ from sawmill_tomography.calibration.fit import Fit, OnStep, ignore_progress, ref
 from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, GeometryError
 from sawmill_tomography.phantoms.phantom import Phantom
-from sawmill_tomography.projection import analytic
 from sawmill_tomography.reconstruction.metal import (
     LEAST_NOISE,
     LEAST_WOOD_MM,
@@ -107,10 +106,7 @@ def _metal(phantom: Phantom, data: SinogramData, fit: Fit) -> PhantomMetal | Non
 
 def _residual(phantom: Phantom, data: SinogramData, fit: Fit) -> NDArray[np.float32]:
     """Compute the residual without each cell's median over the views; 0 where samples have no weight."""
-    shadow = analytic.project(
-        phantom, data.cells, fit.frame, data.angles_rad, position_mm=fit.position_mm, rays_per_cell=data.rays_per_cell
-    )
-    residual = (data.sinogram - fit.gain * shadow - fit.offset).astype(np.float32)
+    residual = (data.sinogram - fit.prediction(phantom, data)).astype(np.float32)
     residual -= np.median(residual, axis=0)
     if data.weights is not None:
         residual[data.weights == 0.0] = 0.0

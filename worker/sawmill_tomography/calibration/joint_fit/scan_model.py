@@ -312,8 +312,8 @@ class ScanModel:
         factor: FloatArray = from_foot / (sdd * math.cos(frame.tilt_rad))
         return u, factor
 
-    def project(self, body: Phantom, *, turned: float = 0.0) -> FloatArray:
-        """Compute the line integrals of a body in the phantom's pose, in mm."""
+    def project(self, body: Phantom, *, turned: float = 0.0, derivatives: bool = False) -> FloatArray:
+        """Compute `analytic.project` for a body in the phantom's pose."""
         return analytic.project(
             body,
             self.data.cells,
@@ -321,19 +321,13 @@ class ScanModel:
             self.data.angles_rad + self.pose[:, 0] + turned,
             position_mm=self.pose[:, 1:] + self.x[5:],
             rays_per_cell=self.data.rays_per_cell,
+            derivatives=derivatives,
         )
 
     @cached_property
     def deformations(self) -> FloatArray:
-        """The result of `analytic.project_with_deformations`, (12, views, cells)."""
-        return analytic.project_with_deformations(
-            self.phantom,
-            self.data.cells,
-            self.frame,
-            self.data.angles_rad + self.pose[:, 0],
-            position_mm=self.pose[:, 1:] + self.x[5:],
-            rays_per_cell=self.data.rays_per_cell,
-        )
+        """The phantom's line integrals with derivatives, (12, views, cells)."""
+        return self.project(self.phantom, derivatives=True)
 
     def _line_integrals(self, lengths: FloatArray) -> FloatArray:
         """Apply hardening, the density's slope, gain and offset to the lengths (views, cells)."""
