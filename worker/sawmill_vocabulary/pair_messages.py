@@ -25,14 +25,20 @@ class PairMessage(Message):
     )
     SWINGS = (
         "pairs-swings",
-        N_("The board rolled or swung by about %(swing_mm).2f mm while it was fed."),
-        N_("Fasten the board so that it cannot move on the feed, and pass it again in all rolls."),
-        N_("In each passage it lies elsewhere for each pair; what is alike in all passages does not show."),
+        N_("The pairs see the board at places that differ by about %(swing_mm).2f mm."),
+        N_(
+            "Fasten the board so that it cannot roll or swing on the feed, check that all files have the passages in "
+            "the same order, and pass it again. If that does not help, use a straight board without knots."
+        ),
+        N_("Each pair sees it elsewhere in each passage; what is alike in all passages does not show."),
     )
     NO_FIT = (
         "pairs-no-fit",
         N_("The passages do not fit this drawing: %(left_percent).1f %% of the shadow is left."),
-        N_("Check the drawing, the side from which the board is seen, and the order of the files."),
+        N_(
+            "Check the drawing, the side from which the board is seen, the order of the files, and that the board does "
+            "not slant."
+        ),
         N_("A fit leaves at most %(allowed_percent).1f %%."),
     )
     OTHER_SIDE = (
@@ -68,7 +74,10 @@ class PairMessage(Message):
     FAR_AWAY = (
         "pair-far-away",
         N_("Pair %(pair)d stands far from its nominal place: by %(deviations).1f standard deviations."),
-        N_("Check the nominal place of this pair, and the distance between its cells."),
+        N_(
+            "Check its nominal place, the order of the files, and that all files have the passages in the same order "
+            "and from the same end."
+        ),
         "",
     )
     SCALE = (
@@ -78,5 +87,11 @@ class PairMessage(Message):
             "allowed."
         ),
         N_("Measure the board, and give its size with its tolerance."),
-        "",
+        N_("The corners of the board are %(corners_mm).2f mm off the drawing's (RMS)."),
+    )
+    SLANTS = (
+        "pairs-slants",
+        N_("In passage %(passage)d the board slants by %(slant_deg).1f degrees, or moves sideways while it is fed."),
+        N_("Lay it along the feed, guide it, and pass it again."),
+        N_("At most %(allowed_deg).0f degrees are taken for a slant."),
     )

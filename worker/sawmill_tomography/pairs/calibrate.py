@@ -13,19 +13,12 @@ from sawmill_tomography.calibration.judgement import Degree, Remark, combined
 from sawmill_tomography.calibration.sinogram_data import counted_radius_mm
 from sawmill_tomography.geometry.geometry import TAU, FloatArray, GeometryError, SourceFrame, rotate, to_vector
 from sawmill_tomography.pairs.coarse import Nominal, Placed, likely, restarted, starts, together
-from sawmill_tomography.pairs.fine import CORNERS, FRAMES, OF_FAN, SWING_MM, FineFit
+from sawmill_tomography.pairs.fine import FRAMES, OF_FAN, SLOPES, SWING_MM, WOOD, FineFit
 from sawmill_tomography.pairs.passages import PairData, moved_frames
 from sawmill_tomography.pairs.ray_errors import PairRays, PredictedRays, rigid_motion
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.statistics import TWO_SIDED_95, robust_deviation
-from sawmill_vocabulary import (
-    CellOrder,
-    PairedScanner,
-    Progress,
-    ProgressCallback,
-    Verdict,
-    angle_difference,
-)
+from sawmill_vocabulary import CellOrder, PairedScanner, Progress, ProgressCallback, Verdict, angle_difference
 from sawmill_vocabulary.messages import Reason
 from sawmill_vocabulary.pair_messages import PairMessage
 
@@ -35,8 +28,11 @@ COARSE, MIDDLE = 16, 4
 LEAST_SHADOW = 5.0
 # A drawn corner's standard deviation where it is not stated, mm.
 CORNER_MM = 0.3
-# The order of the cells is certain beyond this number of standard deviations; places are suspect beyond that one.
-CERTAIN, FAR = 5.0, 4.0
+# The order of the cells is certain beyond this number of standard deviations; places are suspect beyond the second, and
+# those of something else beyond the third.
+CERTAIN, FAR, ELSEWHERE = 5.0, 4.0, 12.0
+# A board that slants by more is not told from one that moves sideways, and its cross-section is longer by 1 / cos.
+SLANTED_DEG = 3.0
 # The board has moved while it was fed where twice the logarithm of the likelihood ratio is larger: by chance in 0.1 %.
 SWINGS = 10.0
 # Rolls that differ by less count as alike, degrees; a share of the shadow above this is no fit.
@@ -80,7 +76,7 @@ class FoundPairs:
     rays: PredictedRays  # of all pairs, after the common rigid motion and scale
     scale_percent_95: float
     poses: tuple[tuple[float, float, float], ...]  # x, y in mm and roll in rad of the board's middle in each passage
-    corners_mm: float  # RMS by which the drawing's corners are off
+    corners_mm: float  # RMS by which coordinates of the drawing's corners are off
     left_share: float  # RMS of the residual as a share of the shadow's
     radius_mm: float
     verdict: Verdict
@@ -240,14 +236,15 @@ def _found(
         for number in range(len(scanners))
     )
     x, y = rotate(motion[2], *fit.placed.poses[:, :2].T) + motion[:2, None]
-    corners_mm = float(np.linalg.norm(fit.x[fit.layout.part(CORNERS)])) / math.sqrt(max(fit.layout.corners, 1))
-    # A board that is further off its drawing than stated is no better a ruler.
-    worse = max(1.0, corners_mm / task.corner_mm)
+    corners_mm = fit.off_drawing_mm()
+    # A board that is further off its drawing than stated is no better a ruler; of two lengths that do not go together
+    # either may be the right one.
+    worse, half = max(1.0, corners_mm / task.corner_mm), 0.5 * abs(float(fit.x[fit.layout.part(WOOD)][0]))
     scale = worse * math.hypot(rays.scale_deviation(covariance), board.size_tolerance)
     found = FoundPairs(
         pairs,
         rays.predicted(covariance),
-        100.0 * TWO_SIDED_95 * scale,
+        100.0 * (TWO_SIDED_95 * scale + half),
         tuple(zip(x.tolist(), y.tolist(), np.mod(fit.placed.poses[:, 2] + motion[2], TAU).tolist(), strict=True)),
         corners_mm,
         fit.share_left(),
@@ -255,7 +252,8 @@ def _found(
         "pass",
         (),
     )
-    judgement = combined([*_remarks(task, found, nominal, orders, swings, converged=converged)])
+    slants_deg = np.degrees(np.hypot(*fit.x[fit.layout.part(SLOPES)].reshape(-1, 3)[:, :2].T))
+    judgement = combined([*_remarks(task, found, nominal, orders, swings, slants_deg, converged=converged)])
     return replace(found, verdict=judgement.verdict, reasons=judgement.reasons)
 
 
@@ -270,7 +268,14 @@ def _misfits(found: FoundPairs, orders: _Orders) -> Iterator[Remark]:
 
 
 def _remarks(
-    task: PairsTask, found: FoundPairs, nominal: Nominal, orders: _Orders, swings: Variation, *, converged: bool
+    task: PairsTask,
+    found: FoundPairs,
+    nominal: Nominal,
+    orders: _Orders,
+    swings: Variation,
+    slants_deg: FloatArray,
+    *,
+    converged: bool,
 ) -> Iterator[Remark]:
     """Say what is wrong or uncertain, with the verdict that follows."""
     if misfits := [*_misfits(found, orders)]:
@@ -281,6 +286,10 @@ def _remarks(
     middles, rows_mm = [one.heights_mm.mean() for one in task.data], np.ptp(task.data[0].heights_mm) / OF_ROWS
     if np.ptp(middles) > max(rows_mm, OF_FAN[0]):
         yield Remark(Degree.WATCH, PairMessage.APART(apart_mm=float(np.ptp(middles)), rows_mm=float(rows_mm)))
+    for passage, slant_deg in enumerate(slants_deg.tolist(), 1):
+        if slant_deg > SLANTED_DEG:
+            slants = {"passage": passage, "slant_deg": slant_deg, "allowed_deg": SLANTED_DEG}
+            yield Remark(Degree.WATCH, PairMessage.SLANTS(**slants))
     yield from _imprecise(task, found, swings)
     for number, (pair, expected) in enumerate(zip(found.pairs, nominal.frames, strict=True), 1):
         if pair.order_deviations is not None and pair.order_deviations < CERTAIN:
@@ -290,7 +299,8 @@ def _remarks(
         off = to_vector(pair.frame) - expected
         off[[0, 4]] = np.angle(np.exp(1j * off[[0, 4]]))
         if (farthest := float((np.abs(off) / nominal.deviations[number - 1]).max())) > FAR:
-            yield Remark(Degree.WATCH, PairMessage.FAR_AWAY(pair=number, deviations=farthest))
+            degree = Degree.FAIL if farthest > ELSEWHERE else Degree.WATCH
+            yield Remark(degree, PairMessage.FAR_AWAY(pair=number, deviations=farthest))
 
 
 def _imprecise(task: PairsTask, found: FoundPairs, swings: Variation) -> Iterator[Remark]:
@@ -304,5 +314,5 @@ def _imprecise(task: PairsTask, found: FoundPairs, swings: Variation) -> Iterato
             if (apart_deg := abs(math.degrees(angle_difference(one[2], other[2])))) < ALIKE_DEG:
                 yield Remark(Degree.WATCH, PairMessage.LIES_ALIKE(first=first, second=second, apart_deg=apart_deg))
     if found.scale_percent_95 > task.scale_tolerance_percent:
-        sizes = {"percent": found.scale_percent_95, "allowed_percent": task.scale_tolerance_percent}
-        yield Remark(Degree.WATCH, PairMessage.SCALE(**sizes))
+        allowed = {"allowed_percent": task.scale_tolerance_percent, "corners_mm": found.corners_mm}
+        yield Remark(Degree.WATCH, PairMessage.SCALE(percent=found.scale_percent_95, **allowed))

@@ -397,12 +397,11 @@ class FineFit:
                 step = self._step(normal, score, damping)
                 # Scatter and hardening are not linear: a part of a long step may lower what the whole step does not.
                 for part in PARTS:
-                    there = self.x + part * step
-                    after = (
-                        self.power(there)
-                        if possible(with_corners(self.board, there[self.layout.part(CORNERS)]), self._placed(there))
-                        else math.inf
-                    )
+                    there, after = self.x + part * step, math.inf
+                    if possible(with_corners(self.board, there[self.layout.part(CORNERS)]), self._placed(there)):
+                        # Far off, intensities may be no numbers: such a step is not taken.
+                        with np.errstate(over="ignore", invalid="ignore"):
+                            after = self.power(there)
                     if after < before:
                         break
                 if after < before:
@@ -518,6 +517,13 @@ class FineFit:
         scale = max(robust_deviation(densities), LEAST_VARIATION)
         self.precision[self.layout.part(PATCHES)] = 2.0 / (scale**2 + densities**2)
 
+    def off_drawing_mm(self) -> float:
+        """Return how far the coordinates of the board's corners are off the drawing's, RMS, mm."""
+        at, moved = np.concatenate([*map(_points, self.board.shapes)]), self.x[self.layout.part(CORNERS)].reshape(-1, 2)
+        aspect, shear = self.x[self.layout.part(WOOD)][:2]
+        stretched = 0.5 * (aspect * at * [1.0, -1.0] + shear * at[:, ::-1])
+        return float(np.sqrt(np.mean((stretched + (moved if moved.size else 0.0)) ** 2)))
+
     def share_left(self) -> float:
         """Return the RMS of the residual as a share of the RMS of the shadows."""
         left = sum(float((self.residual(self.x, number) ** 2).sum()) for number in range(len(self.data)))
@@ -582,8 +588,13 @@ def _correlated(columns: FloatArray, shared: FloatArray) -> FloatArray:
 
 def corners_of(board: Phantom) -> int:
     """Return the number of coordinates of corners that are fitted: 0 for drawings with too many."""
-    count = sum(2 if isinstance(shape, Disc) else 2 * len(shape.vertices_mm) for shape in board.shapes)
+    count = 2 * sum(map(len, map(_points, board.shapes)))
     return count if count <= 2 * MOST_CORNERS else 0
+
+
+def _points(shape: Shape) -> FloatArray:
+    """Return the corners of a shape, or the middle of a disc, (points, 2)."""
+    return np.array([shape.center_mm] if isinstance(shape, Disc) else shape.vertices_mm)
 
 
 def with_corners(board: Phantom, moved: FloatArray) -> Phantom:
@@ -592,8 +603,8 @@ def with_corners(board: Phantom, moved: FloatArray) -> Phantom:
         return board
     shapes, left = list[Shape](), moved.reshape(-1, 2)
     for shape in board.shapes:
-        points = [shape.center_mm] if isinstance(shape, Disc) else shape.vertices_mm
-        corners = [(float(x), float(y)) for x, y in np.array(points) + left[: len(points)]]
+        points = _points(shape)
+        corners = [(float(x), float(y)) for x, y in points + left[: len(points)]]
         left = left[len(points) :]
         places = {"center_mm": corners[0]} if isinstance(shape, Disc) else {"vertices_mm": tuple(corners)}
         shapes.append(replace(shape, **places))

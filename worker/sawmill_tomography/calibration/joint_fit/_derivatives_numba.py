@@ -9,14 +9,7 @@ import numpy as np
 from numba import njit, prange
 
 from sawmill_tomography.calibration.joint_fit.scan_model import OF_WOOD, Term
-from sawmill_tomography.projection._analytic_numba import (
-    _FAST,
-    PARAMETERS,
-    ROWS,
-    ROWS_AT_ONCE,
-    _view,
-    products_of_rows,
-)
+from sawmill_tomography.projection._analytic_numba import _FAST, PARAMETERS, ROWS, ROWS_AT_ONCE, _view, products_of_rows
 
 # One thread takes the views of a block one after another, so the sums do not depend on the number of threads.
 BLOCK = 16

@@ -13,13 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column
-from sawmill_tomography.calibration.joint_fit.scan_model import (
-    SKIN_DEPTHS_MM,
-    ScanModel,
-    Term,
-    arc_term,
-    wave_terms,
-)
+from sawmill_tomography.calibration.joint_fit.scan_model import SKIN_DEPTHS_MM, ScanModel, Term, arc_term, wave_terms
 from sawmill_tomography.geometry.detector_shape import waves
 from sawmill_tomography.geometry.fit_parameters import FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray
@@ -144,21 +138,13 @@ DEFORMATION = Effect(
     _shows(lambda model, sizes: 0.5 * math.hypot(*sizes) * model.drawing.radius_mm),
 )
 # The angles run too fast or too slowly.
-PACE = Effect(
-    Adjustment.PACE,
-    lambda model: of_angle([progress(model)]),
-    _pace,
-)
+PACE = Effect(Adjustment.PACE, lambda model: of_angle([progress(model)]), _pace)
 
 EFFECTS: tuple[Effect, ...] = (
     # The measured line integral is p + c p^2 + d p^3.
     Effect(Adjustment.BEAM_HARDENING, _terms(Term.HARDENING, Term.HARDENING_CUBIC), _hardening),
     # The phantom scatters radiation into the cells: from around, and from the whole view.
-    Effect(
-        Adjustment.SCATTERED_RADIATION,
-        _terms(Term.SCATTER, Term.SCATTER_WIDE, counts=True),
-        _scattered_radiation,
-    ),
+    Effect(Adjustment.SCATTERED_RADIATION, _terms(Term.SCATTER, Term.SCATTER_WIDE, counts=True), _scattered_radiation),
     # The focal spot and the scintillator blur along the detector: a Gaussian.
     Effect(
         Adjustment.BLUR,

@@ -75,7 +75,7 @@ from sawmill_vocabulary import Adjustment, DetectorModule
 from sawmill_vocabulary.scan_messages import AdjustmentMessage
 
 ROUNDS = 12
-# A fit that has not ended by this round is looked at for patches of the wood: until they are fitted, other effects
+# Where a fit has not ended by this round, patches of the wood are tested: until they are fitted, other effects
 # explain the wood, and leave again (benchmarks/families.py: fewer rounds take patches for what motions explain). The
 # borders of modules take more rounds, in which patches would explain what they leave.
 UNIFORM = 4
@@ -117,7 +117,7 @@ def fit_jointly(
 ) -> JointFit:
     """Fit geometry and effects from the plain fit; effects in `without` are tested, and not fitted.
 
-    Effects of real wood, and a density of each of its patches, are looked at where they are beyond chance.
+    Effects of real wood, and a density of each patch of it, are fitted where they are beyond chance.
     """
     fitter = JointFitter(prepared.by_noise, frozenset(without))
     if fitter.left_out:
@@ -148,7 +148,7 @@ def fit_consistent_views(
     """Fit as `fit_jointly` does, leaving out the few views that a fit to the remaining views does not explain."""
     joint = fit_jointly(prepared, without, on_step)
     if prepared.of_passages and Adjustment.OUTLIERS not in without:
-        # Before the poses are known, each view that stands elsewhere is an outlier.
+        # Before the poses are known, each view in another pose is an outlier.
         before, prepared = prepared, with_less_weight(prepared, prepared, joint.model.residual)
         joint = joint if prepared is before else fit_jointly(prepared, without, on_step)
     left_out = np.zeros(len(prepared.data.sinogram), bool)
@@ -289,7 +289,7 @@ class JointFitter:
         return [*self._project_out(grams, model), *fitted]
 
     def widen(self, *, patches: bool = False) -> None:
-        """Go on with the effects of wood, or with the densities of its patches too."""
+        """Go on with the effects of wood, or with the densities of patches too."""
         if not self.of_wood:
             self.waiting += self._of_effects(OF_WOOD)
             self.of_wood = True

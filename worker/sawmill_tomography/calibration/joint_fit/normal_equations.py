@@ -15,12 +15,7 @@ import numpy as np
 from sawmill_tomography.calibration.covariance import scaled_inverse, unit_scale
 from sawmill_tomography.calibration.joint_fit._derivatives_numba import BLOCK, combined, inner_products, without_shares
 from sawmill_tomography.calibration.joint_fit.sample_noise import sample_noise
-from sawmill_tomography.calibration.joint_fit.scan_model import (
-    OF_WOOD,
-    POSE,
-    ScanModel,
-    Term,
-)
+from sawmill_tomography.calibration.joint_fit.scan_model import OF_WOOD, POSE, ScanModel, Term
 from sawmill_tomography.calibration.joint_fit.structure import beyond_chance
 from sawmill_tomography.calibration.joint_fit.wood_patches import Variation, variation
 from sawmill_tomography.geometry.fit_parameters import FitParameter

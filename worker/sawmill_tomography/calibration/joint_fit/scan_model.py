@@ -564,8 +564,4 @@ def _reshaped(cells: DetectorCells, changes: Mapping[int, float]) -> DetectorCel
     bent = curvature * (cells.count * cells.width_mm) ** 2 > 8.0 * analytic.DEEPEST_MM
     waves = [*cells.waves_mm, *[0.0] * (MOST_WAVES - len(cells.waves_mm))]
     waves = [wave + changes.get(term, 0.0) for wave, term in zip(waves, wave_terms(), strict=True)]
-    return replace(
-        cells,
-        arc_radius_mm=1.0 / curvature if bent else None,
-        waves_mm=tuple(waves) if any(waves) else (),
-    )
+    return replace(cells, arc_radius_mm=1.0 / curvature if bent else None, waves_mm=tuple(waves) if any(waves) else ())

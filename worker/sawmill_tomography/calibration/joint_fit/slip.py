@@ -49,9 +49,7 @@ def jump_at(view: int) -> Effect:
         return in_the_laboratory(model, [after - after.mean()])
 
     return Effect(
-        Adjustment.SLIP,
-        columns,
-        lambda _, sizes: EffectMessage.SCANNER_JUMP(view=view, jump_mm=math.hypot(*sizes)),
+        Adjustment.SLIP, columns, lambda _, sizes: EffectMessage.SCANNER_JUMP(view=view, jump_mm=math.hypot(*sizes))
     )
 
 

@@ -37,11 +37,7 @@ class RaysBehindMetal(NamedTuple):
 
 
 def rays_behind_metal(
-    scanner: Scanner,
-    sinogram: FloatArray,
-    angles_rad: FloatArray,
-    start: SourceFrame,
-    metal: NDArray[np.bool_] | None,
+    scanner: Scanner, sinogram: FloatArray, angles_rad: FloatArray, start: SourceFrame, metal: NDArray[np.bool_] | None
 ) -> RaysBehindMetal:
     """Interpolate the samples that see metal.
 
