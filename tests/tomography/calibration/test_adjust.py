@@ -292,6 +292,6 @@ def test_a_wobble_and_a_longer_outline_are_told_apart_by_a_scan_with_little_nois
     task, rng = of_the_disc(20, 280, **READINGS[truth]), np.random.default_rng(2)
     noise = 0.005 * task.sinogram.std() * rng.standard_normal((20, 280))
     found = calibrate(replace(task, sinogram=task.sinogram + noise))
-    assert len(found.adjustments) == 1
-    assert other not in found.adjustments[0]
+    [effect] = [one for one in found.adjustments if "outliers" not in one]  # at edges, which the plain fit misses
+    assert other not in effect
     assert_bounds_hold(found)
