@@ -301,7 +301,7 @@ def test_each_answer_has_a_word_and_a_whole_sentence(changes, rays, millimetres)
 
 
 def test_an_uncertain_scale_of_fixed_pairs_speaks_against_no_ray():
-    scale = [CodedReason.of(PairMessage.SCALE(percent=0.7, allowed_percent=0.5))]
+    scale = [CodedReason.of(PairMessage.SCALE(percent=0.7, allowed_percent=0.5, corners_mm=0.1))]
     uncertain = fixed_pairs_result(coded_reasons=scale, upper_95_mm=0.05, scale_uncertainty_percent=0.7)
     both = [TwoQuestions.of_pairs(FixedPairsResult.model_validate(each)) for each in (uncertain, fixed_pairs_result())]
     assert [(one.rays.answer, one.millimetres.answer) for one in both] == [("yes", "look"), ("look", "yes")]

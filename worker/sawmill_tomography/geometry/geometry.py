@@ -71,7 +71,7 @@ class FanViews:
             The arrays do not fit each other, are not finite, or a source lies on the line of its detector.
         """
         given = (source_mm, middle_mm, axis, borders_mm)
-        source, middle, line, borders = (np.array(each, np.float64) for each in given)
+        source, middle, line, borders = (np.array(each, np.float64, order="C") for each in given)
         fit = source.shape == middle.shape == line.shape == (len(source), 2) and borders.shape == (len(borders), 2)
         if not fit or (np.diff(borders, axis=0) <= 0.0).any() or min(source.size, len(borders)) < 2:
             raise GeometryError("a view needs source, middle and axis (x, y), and each cell borders that increase")

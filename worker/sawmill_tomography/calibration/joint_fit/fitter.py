@@ -75,10 +75,6 @@ from sawmill_vocabulary import Adjustment, DetectorModule
 from sawmill_vocabulary.scan_messages import AdjustmentMessage
 
 ROUNDS = 12
-# Where a fit has not ended by this round, patches of the wood are tested: until they are fitted, other effects
-# explain the wood, and leave again (benchmarks/families.py: fewer rounds take patches for what motions explain). The
-# borders of modules take more rounds, in which patches would explain what they leave.
-UNIFORM = 4
 VIEW_ROUNDS = 3
 # Groups join in the first JOINING rounds, at most MOST_JOINING in each: what several explain together is only known to
 # first order.
@@ -122,7 +118,9 @@ def fit_jointly(
     fitter = JointFitter(prepared.by_noise, frozenset(without))
     if fitter.left_out:
         fitter.find_poses(on_step)
-    fitter.fit(on_step, UNIFORM)
+    # Other effects explain the wood until its patches are fitted, and leave again. In fewer rounds patches would explain
+    # motions (benchmarks/families.py), and in these what modules leave before their borders have moved.
+    fitter.fit(on_step, 2 * EARLY)
     varies = not fitter.ended and not fitter.found_modules and fitter.shows_varying_density()
     if not varies:
         fitter.fit(on_step)
