@@ -118,8 +118,8 @@ def fit_jointly(
     fitter = JointFitter(prepared.by_noise, frozenset(without))
     if fitter.left_out:
         fitter.find_poses(on_step)
-    # Other effects explain the wood until its patches are fitted, and leave again. In fewer rounds patches would explain
-    # motions (benchmarks/families.py), and in these what modules leave before their borders have moved.
+    # Other effects explain the wood until its patches are fitted, and leave again. Earlier, patches would explain
+    # motions (benchmarks/families.py), and in these rounds what modules leave before their borders have moved.
     fitter.fit(on_step, 2 * EARLY)
     varies = not fitter.ended and not fitter.found_modules and fitter.shows_varying_density()
     if not varies:
