@@ -62,13 +62,13 @@ def test_pairs_apart_along_the_feed_see_a_sloped_board_at_their_own_heights():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("drawn", [lambda it: with_corners(it, 6.0 * np.eye(12)[0]), lambda it: it.deformed(0.02, 0.0)])
-def test_a_board_that_is_not_as_drawn_is_no_ruler(drawn):
+@pytest.mark.parametrize(("stretch", "off_mm"), [(0.0, 1.0), (0.02, 0.5)])
+def test_a_board_that_is_not_as_drawn_is_no_ruler(stretch, off_mm):
     passed = passed_board("beam and detector", 2, 2, 4).of_all_rows()
-    found, _ = replace(passed, drawing=drawn(passed.drawing)).calibrated()
-    assert found.corners_mm > 0.5
+    drawn = passed.drawing.deformed(stretch, 0.0) if stretch else with_corners(passed.drawing, 6.0 * np.eye(12)[0])
+    found, _ = replace(passed, drawing=drawn).calibrated()
+    assert (found.corners_mm > off_mm, "pairs-scale" in codes(found)) == (True, True)
     assert found.scale_percent_95 > 1.0  # of a board that is longer by 1 % one way and shorter the other
-    assert "pairs-scale" in codes(found)
 
 
 @pytest.mark.slow
@@ -77,7 +77,7 @@ def test_fans_out_of_the_cross_section_see_boards_that_slant_otherwise_in_each_p
     rng = np.random.default_rng(seed)
     fans, slopes = rng.normal(0.0, [3.0, 0.01, 0.01], (3, 3)), steeper * rng.normal(0.0, 0.02, (2, 2))
     found, error_mm = passed_board("counts alone", 3, 2, seed).in_space(fans, slopes, seed).calibrated()
-    assert error_mm < found.rays.upper_95_mm
+    assert error_mm < found.rays.upper_95_mm < TOLERANCE_MM * steeper
     assert (found.verdict, "pairs-slants" in codes(found)) == (verdict, verdict == "watch")
 
 
