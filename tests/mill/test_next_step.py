@@ -274,8 +274,7 @@ def test_numbers_stand_beside_their_limits_and_the_scale_becomes_mm_on_the_large
 )
 def test_what_the_bound_costs_knots_is_stated_from_five_per_cent_on(lost_percent, stated):
     lost = {"contrast_loss": {"knot_10_mm_percent": lost_percent, "mtf_percent": 20.0}}
-    sentence = questions(predicted_ray_error_mm=PREDICTED | lost).rays.sentence()
-    assert sentence == f"{questions().rays.sentence()}{stated}"
+    assert questions(predicted_ray_error_mm=PREDICTED | lost).rays.sentence() == questions().rays.sentence() + stated
 
 
 @pytest.mark.parametrize(

@@ -126,8 +126,7 @@ def test_large_files_take_turns_and_small_ones_do_not_wait_for_them(store):
                 slow.go_on.set()
                 assert ((await asked).json()["code"], (await next_one).status_code) == ("result-damaged", 200)
 
-    answer = asyncio.run(story())
-    assert answer.headers["ETag"] == f'"{hashlib.sha256(small.read_bytes()).hexdigest()}"'
+    assert asyncio.run(story()).headers["ETag"] == f'"{hashlib.sha256(small.read_bytes()).hexdigest()}"'
 
 
 @pytest.mark.usefixtures("seeded")

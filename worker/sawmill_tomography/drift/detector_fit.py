@@ -33,7 +33,7 @@ from sawmill_tomography.drift.opposite_rays.disturbances import (
     view_gain,
 )
 from sawmill_tomography.drift.opposite_rays.full_turn import FullTurn, even_views, opposite_rays_pair, widest_gap_rad
-from sawmill_tomography.drift.opposite_rays.opposite_rays import WITHOUT_DISTANCE, Pairs, Solution
+from sawmill_tomography.drift.opposite_rays.opposite_rays import CUT_OFF, WITHOUT_DISTANCE, Pairs, Solution
 from sawmill_tomography.drift.opposite_rays.paired_rays import fan_angles
 from sawmill_tomography.drift.view_pairs.pair_sums import ENCODER_DEG, ScanMotions
 from sawmill_tomography.drift.view_pairs.view_pairs import MOST_VIEWS, REACH, UNREST, PairFit, scan_times, view_pair_fit
@@ -104,8 +104,11 @@ def detector_fit(
     return replace(by_pairs, movement=by_opposite.movement) if more_certain else by_opposite
 
 
-# Blur of opposite rays in views and in cells: with few views more blur removes signal, and less leaves more aliasing.
-BLUR = (0.6, 3.0)
+# Blur of opposite rays in views, and at least in cells: more removes signal, and less leaves more aliasing.
+BLUR_VIEWS, BLUR_CELLS = 0.6, 3.0
+# What is finer than this share of the way that the log's rim moves from view to view is aliased. A blur by more than
+# this share of the log would leave little to compare (benchmarks/measured.py, benchmarks/production_logs.py).
+RIM_SHARE, COARSEST = 0.2, 0.08
 # Views with a gap of more than this number of even steps are not interpolated.
 WIDEST_GAP = 1.5
 # Views whose angles are wrong by more than this share of a step are not interpolated either: 20 such views looked like
@@ -244,8 +247,20 @@ def _opposite_rays(
     gain = view_gain(even, fan, reversed_turn=pairs.rotation is Rotation.REVERSED)
     if gain is not None:
         even = gain.removed(even)
-    turn = FullTurn.of(even, first_rad, angles, usable=every, bridged=~screening.cells, left_out=left_out)
-    solution = Pairs(scanner, turn.read(pairs.rotation), vector, BLUR).solve(
+    rim_cells = np.abs(fan[levelled.cells]).max() / np.median(np.diff(fan))
+    blur_cells = max(BLUR_CELLS, min(RIM_SHARE * TAU / angles.size, COARSEST) * float(rim_cells))
+    # Beyond the detector is air, as at its ends: rays of the log's rim are compared too.
+    air = math.ceil(CUT_OFF * blur_cells)
+    wider = replace(scanner, num_detector_pixels=scanner.num_detector_pixels + 2 * air)
+    turn = FullTurn.of(
+        np.pad(even, ((0, 0), (air, air))),
+        first_rad,
+        angles,
+        usable=every,
+        bridged=np.pad(~screening.cells, air),
+        left_out=np.pad(left_out, ((0, 0), (air, air))),
+    )
+    solution = Pairs(wider, turn.read(pairs.rotation), vector, (BLUR_VIEWS, blur_cells)).solve(
         vector, *reach(scanner, start), free=WITHOUT_DISTANCE, corrected=True
     )
     if not (solution.settled and np.isfinite(solution.free_covariance).all()):
@@ -253,7 +268,7 @@ def _opposite_rays(
     variance = np.zeros(scanner.num_detector_pixels)
     # A few masked rays with large errors must not excuse the differences of all others.
     variance[levelled.cells] = np.median(levelled.variance, axis=0)
-    unrest = solution.pairs.unrest(solution.vector, variance)
+    unrest = solution.pairs.unrest(solution.vector, np.pad(variance, air))
     return _OppositeRays(solution, pairs.rotation.apply(angles), () if gain is None else (gain.done,), unrest)
 
 

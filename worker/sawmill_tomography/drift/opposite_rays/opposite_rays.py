@@ -126,12 +126,7 @@ class Pairs:
     def unrest(self, vector: FloatArray, variance: FloatArray) -> float:
         """Return the variance of the used pairs' blurred differences, divided by the one that noise gives them.
 
-        Parameters
-        ----------
-        vector : (3,) float64
-            u_c in mm, tau in rad and SDD in mm.
-        variance : (detector,) float64
-            Variance of the rays' noise, dimensionless.
+        `vector` (3,): u_c in mm, tau in rad and SDD in mm. `variance` (detector,): variance of the rays' noise.
         """
         fan, covered = fan_angles(self._scanner, vector)
         # What blurs over cells and over harmonics other than the constant one leave of white noise.

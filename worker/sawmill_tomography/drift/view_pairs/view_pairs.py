@@ -268,15 +268,17 @@ def _disturbed(
     amplitudes = np.zeros(len(motions.kinds))
     if undisturbed.unrest > UNREST:
         amplitudes = _likely_turn(sums, near, motions, hardened)
-    start = near
+    start, fit = near, undisturbed
     for _ in range(ROUNDS):
-        turned = sums.turned(motions.turned_rad @ amplitudes)
+        turned, before = sums.turned(motions.turned_rad @ amplitudes), fit.motion
         fit = _fit(turned, calibrated, start, motions=_effects(turned, start, times, amplitudes), hardened=hardened)
         further_rad = motions.turned_rad @ (fit.amplitudes - amplitudes)
         shift_mm = abs(fit.vector[0] - start[0])
         start, amplitudes = np.append(fit.vector, near[2]), fit.amplitudes
         if np.abs(further_rad).max() < SMALL_TURN_RAD and shift_mm < SMALL_SHIFT_MM:
             break
+    else:  # Motions that come and go from round to round are not the scan's.
+        fit = fit._replace(sizes=None) if before is None else fit
     return fit if fit.settled and fit.largest_pattern < LARGEST else undisturbed
 
 
