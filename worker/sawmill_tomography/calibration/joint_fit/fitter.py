@@ -68,14 +68,13 @@ from sawmill_tomography.calibration.joint_fit.view_poses import (
     project_out_poses,
     with_view_poses,
 )
-from sawmill_tomography.calibration.joint_fit.wood_patches import Variation, patch_side_mm
+from sawmill_tomography.calibration.joint_fit.wood_patches import Variation, patch_side_mm, wood_patches
 from sawmill_tomography.geometry.fit_parameters import FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_vocabulary import Adjustment, DetectorModule
 from sawmill_vocabulary.scan_messages import AdjustmentMessage
 
 ROUNDS = 12
-VIEW_ROUNDS = 3
 # Groups join in the first JOINING rounds, at most MOST_JOINING in each: what several explain together is only known to
 # first order.
 JOINING, MOST_JOINING = 6, 3
@@ -89,6 +88,9 @@ FEWEST_VIEWS = 12
 # Effects of wood are first looked for in this number of views, and not where neighbouring cells of the residual have
 # products whose mean is within this number of standard deviations of 0.
 SCREENED_VIEWS, UNCORRELATED = 20, 1.0
+# Densities of patches stand in the place of modules, an arc or waves only where these gain less than this number of
+# times the patches, as a logarithm of the likelihood, and the densities more (benchmarks/families.py).
+OF_A_PATCH = 1.0
 # Densities of the wood's patches are fitted where they explain more than this share of the structured residual.
 LEAST_EXPLAINED = 0.5
 # Noise and modules change the sinogram by at least this share (RMS): rounding errors of a scan without noise are no
@@ -116,27 +118,13 @@ def fit_jointly(
     Effects of real wood, and a density of each patch of it, are fitted where they are beyond chance.
     """
     fitter = JointFitter(prepared.by_noise, frozenset(without))
-    if fitter.left_out:
-        fitter.find_poses(on_step)
-    # Other effects explain the wood until its patches are fitted, and leave again. Earlier, patches would explain
-    # motions (benchmarks/families.py), and in these rounds what modules leave before their borders have moved.
-    fitter.fit(on_step, 2 * EARLY)
-    varies = not fitter.ended and not fitter.found_modules and fitter.shows_varying_density()
-    if not varies:
-        fitter.fit(on_step)
-        fitter.go_over(on_step, 1)
-        if fitter.shows(OF_WOOD):
-            fitter.widen()
-            fitter.fit(on_step)
-        varies = fitter.shows_varying_density()
-    if varies:
-        fitter.widen(patches=True)
-        fitter.fit(on_step)
-        if fitter.left_out:
-            # Wood of one density may have taken the other of two likely rolls.
-            fitter.find_poses(on_step)
-            fitter.fit(on_step)
-    fitter.go_over(on_step, 1 if fitter.of_patches else OTHER_SETS)
+    fitter.fit_all(on_step)
+    if fitter.may_be_of_wood:
+        of_wood = JointFitter(prepared.by_noise, frozenset(without))
+        of_wood.fit_all(on_step, varies=True)
+        variance = max(fitter.variance, of_wood.variance)
+        gained = of_wood.likelihood(variance) - fitter.likelihood(variance)
+        fitter = of_wood if gained > fitter.least_of_patches else fitter
     return fitter.result()
 
 
@@ -150,7 +138,7 @@ def fit_consistent_views(
         before, prepared = prepared, with_less_weight(prepared, prepared, joint.model.residual)
         joint = joint if prepared is before else fit_jointly(prepared, without, on_step)
     left_out = np.zeros(len(prepared.data.sinogram), bool)
-    for _ in range(VIEW_ROUNDS if Adjustment.OUTLIERS not in without else 0):
+    while Adjustment.OUTLIERS not in without:
         inconsistent = (
             inconsistent_views(joint.model.residual, joint.model.data.sinogram, joint.model.data.weights) & ~left_out
         )
@@ -219,6 +207,30 @@ class JointFitter:
             if effect.adjustment not in self.left_out and (columns := effect.columns(self.model))
         ]
 
+    def fit_all(self, on_step: OnStep, *, varies: bool = False) -> None:
+        """Fit until no other set of motions is likelier; with `varies` the densities of patches too, shown or not."""
+        if self.left_out:
+            self.find_poses(on_step)
+        # Other effects explain the wood until its patches are fitted, and leave again. Earlier, patches would explain
+        # motions (benchmarks/families.py), and in these rounds what modules leave before their borders have moved.
+        self.fit(on_step, 2 * EARLY)
+        varies = varies or (not self.ended and not self.found_modules and self.shows_varying_density())
+        if not varies:
+            self.fit(on_step)
+            self.go_over(on_step, 1)
+            if self.shows(OF_WOOD):
+                self.widen()
+                self.fit(on_step)
+            varies = self.shows_varying_density()
+        if varies:
+            self.widen(patches=True)
+            self.fit(on_step)
+            if self.left_out:
+                # Wood of one density may have taken the other of two likely rolls.
+                self.find_poses(on_step)
+                self.fit(on_step)
+        self.go_over(on_step, 1 if self.of_patches else OTHER_SETS)
+
     def find_poses(self, on_step: OnStep) -> None:
         """Find the poses of single views before any step."""
         self.rounds, self.ended = 0, False
@@ -270,6 +282,36 @@ class JointFitter:
         ):
             return False
         return uniform.remaining(own) - grams.system(columns).remaining(own) > LEAST_EXPLAINED * uniform.structured
+
+    @property
+    def may_be_of_wood(self) -> bool:
+        """Whether the densities of the wood's patches may explain more than what was found of the detector's cells."""
+        posterior = bare = self.last[1]
+        for group in posterior.sizes:
+            declared = group.one in self.declared_places or first_cells_of([group.one]) & self.known_modules
+            bare = bare.resized(group, 0.0) if is_on_detector(group.one) and not declared else bare
+        if bare is posterior or self.of_patches or self.left_out or Adjustment.WOOD_DENSITY in self.without:
+            return False
+        return self.climb.weighed(posterior) - self.climb.weighed(bare) < self.least_of_patches
+
+    @property
+    def least_of_patches(self) -> float:
+        """The logarithm of the likelihood that the densities of all patches gain where they stand for cells."""
+        return OF_A_PATCH * len(wood_patches(self.model.drawing))
+
+    def likelihood(self, variance: float) -> float:
+        """Return the logarithm of prior times marginal likelihood at the last step, with this variance of a sample."""
+        _, posterior, change, *_ = self.last
+        system, sizes = posterior.system, np.zeros(len(posterior.zero))
+        sizes[posterior.used] = posterior.mean
+        sizes -= change
+        sizes[posterior.base] = 0.0
+        power = system.power + float(sizes @ (system.score + posterior.zero))
+        return (
+            replace(posterior, variance=variance).log_likelihood
+            - 0.5 * power / variance
+            + (0.5 * system.patches.log_shrinkage if system.patches else 0.0)
+        )
 
     @property
     def _within_drawing(self) -> bool:
