@@ -43,8 +43,7 @@ def scan_of(client: httpx.Client, folder: Path, views: int) -> str:
     spec = {"name": "line", "constants": {name: getattr(examples.SCANNER, name) for name in names}}
     scanner = demo_client.post(client, "/v1/scanners", json=spec)
     fields = {"data": "counts", "phantom_id": "l-shape", "phantom_rows": f"0:{examples.PHANTOM_ROWS}"}
-    scan = demo_client.upload(client, stack, lambda *_: None, scanner_id=scanner["id"], **fields)
-    return str(scan["id"])
+    return str(demo_client.upload(client, stack, lambda *_: None, scanner_id=scanner["id"], **fields)["id"])
 
 
 def by_events(client: httpx.Client, job_id: str) -> None:

@@ -17,6 +17,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -84,7 +85,7 @@ class Measurement:
 
         `measures` are the folders of the repository whose changes make the values stale.
         """
-        script, *arguments = sys.argv
+        script, *arguments = (one for before, one in pairwise(["", *sys.argv]) if "--out" not in (before, one))
         conditions = {
             "command": shlex.join(["python", os.path.relpath(script, RESULTS.parents[1]), *arguments]),
             "commit": commit(),
