@@ -162,11 +162,10 @@ def test_a_volume_opens_as_the_formats_page_has_it(tmp_path):
     with new_volume(tmp_path / "volume.h5", (3, 6, 6), **places) as volume:
         volume.write(0, np.ones((3, 6, 6), np.float32))
     (tmp_path / "napari.py").write_text(NAPARI)
-    reported = [
+    assert [
         subprocess.run([sys.executable, "-c", block], cwd=tmp_path, check=True, capture_output=True, text=True).stdout
         for block in blocks(sections(ROOT / "docs/look-up/formats.md")["Opening a volume"], "python")
-    ]
-    assert reported == ["(3, 6, 6) 20.0 1.5 1.5 100.0 6.25 -33.75 ('z', 'x', 'y') mm\n", "(6, 6) 1/mm 120.0\n"]
+    ] == ["(3, 6, 6) 20.0 1.5 1.5 100.0 6.25 -33.75 ('z', 'x', 'y') mm\n", "(6, 6) 1/mm 120.0\n"]
 
 
 # CIL is not to be had from the registry that the rest is installed from: its signatures, after its documentation.
@@ -197,12 +196,11 @@ def test_the_exported_files_are_read_as_the_export_page_has_it(tmp_path, monkeyp
     (tmp_path / "cil/framework.py").write_text(CIL)
     for_astra, for_odl, for_cil, for_rtk = blocks(page.read_text(), "python")
     turned = "np.allclose(source @ [[0, -1], [1, 0]], np.loadtxt('astra.txt')[given['view_order'], :2])"
-    checked = (
+    for script in (
         f"{for_astra}\nassert projector.shape == (90 * 768, 256 * 256)",
         f"{for_odl}\nsource = geometry.src_position(geometry.angles)\nassert {turned}",
         f"{for_cil}\nassert (len(geometry.angles), geometry.num_pixels, geometry.source[1] < 0) == (90, 768, True)",
-    )
-    for script in checked:
+    ):
         subprocess.run([sys.executable, "-c", script], cwd=tmp_path, check=True)
     assert "rtk.xml" in for_rtk
     assert (tmp_path / "rtk.xml").read_text().count("<Projection>") == 90

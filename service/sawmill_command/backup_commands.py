@@ -88,9 +88,8 @@ def copy_to_postgresql(data: Data = None) -> None:
     from sawmill_platform.backups.database_copy import copy_rows
 
     target = storage_settings(data)
-    source = target.model_copy(update={"database_url": None, "database_password_file": None})
     with _reported("Nothing was copied"):
-        rows = copy_rows(source, target)
+        rows = copy_rows(target.model_copy(update={"database_url": None, "database_password_file": None}), target)
     say(f"{rows} rows were copied: the service may start on PostgreSQL. The file of SQLite is as it was.")
 
 

@@ -110,9 +110,8 @@ def seed_examples(store: Store) -> None:
     # Any other kind is requested with the request body of the console's example.
     for declared in filter(lambda kind: kind.upload is None, asked_kinds()):
         given = dict(declared.to_ask.example)
-        ask = declared.ask.model_validate(given.pop("body"))
         example_id = str(declared.to_get.example.get(declared.id_name, "example"))
-        _ask_once(store.asked(declared), ask, example_id, given=given)
+        _ask_once(store.asked(declared), declared.ask.model_validate(given.pop("body")), example_id, given=given)
     for identifier in {EXAMPLE, SPARE} - {item.id for item in store.schedules.page().items}:
         store.schedules.create(
             ScheduleSpec(scanner_id=EXAMPLE, cron="30 5 * * 1-6", enabled=False), schedule_id=identifier

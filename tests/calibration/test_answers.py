@@ -242,12 +242,11 @@ def test_a_baseline_is_of_earlier_answers_or_their_files(calibration, tmp_path):
         assert (since.result.reference, since.result.baseline.checks) == ("baseline", 3)
         assert since.ray_change_mm < 0.5 * absolute.ray_change_mm
     assert "since 3 first logs" in since._repr_html_()
-    refusals = {
+    for sentence, baseline in {
         "2 looks make no baseline": earlier[:2],
         r"baseline\[3\] is of a scan that an earlier answer is of": [*earlier, earlier[0]],
         "must be a list of answers": earlier[0],
-    }
-    for sentence, baseline in refusals.items():
+    }.items():
         with pytest.raises(sawmill.InputError, match=sentence):
             sawmill.drift(logs[3], calibration, baseline=baseline)
 

@@ -304,8 +304,7 @@ IN_BLOCKS = ReconstructionOptions(method="fbp", size=32, field_mm=420.0)
 
 @pytest.fixture
 def given(scanner, theta, sinogram, turn):
-    factors = np.linspace(0.5, 1.5, SLICES, dtype=np.float32)
-    stack = sinogram(turn(20)).astype(np.float32)[:, None] * factors[:, None]
+    stack = sinogram(turn(20)).astype(np.float32)[:, None] * np.linspace(0.5, 1.5, SLICES, dtype=np.float32)[:, None]
     return reconstruction_input(stack, FanBeamGeometry(scanner, theta, turn(20)), first_row=100, counts=True)
 
 

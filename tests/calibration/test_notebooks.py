@@ -39,8 +39,7 @@ def kernel(tmp_path, monkeypatch):
 
 def run(path, kernel, folder):
     notebook = nbformat.read(path, as_version=4)
-    client = NotebookClient(notebook, kernel_name=kernel, timeout=120, resources={"metadata": {"path": str(folder)}})
-    client.execute()
+    NotebookClient(notebook, kernel_name=kernel, timeout=120, resources={"metadata": {"path": str(folder)}}).execute()
     assert not [output for cell in code_of(notebook) for output in cell.outputs if output.get("name") == "stderr"]
     return notebook
 

@@ -87,8 +87,7 @@ def test_the_table_of_two_passages_passes_and_dead_cells_do_no_harm(run, two, tm
 
 def test_passages_that_were_recorded_apart_are_calibrated_as_those_in_one_file(run, two, passed, tmp_path):
     together = json.loads(run("calibrate-pairs", two, *passed, *BOARD, "--json").stdout)
-    apart = recorded_apart(passed, tmp_path)
-    found = json.loads(run("calibrate-pairs", two, *apart, *BOARD, "--json").stdout)
+    found = json.loads(run("calibrate-pairs", two, *recorded_apart(passed, tmp_path), *BOARD, "--json").stdout)
     assert [pair["source_frame"]["psi_rad"] for pair in found["pairs"]] == pytest.approx(
         [pair["source_frame"]["psi_rad"] for pair in together["pairs"]], abs=3e-4
     )

@@ -96,8 +96,7 @@ def test_what_is_wrong_is_named_before_what_is_missing_and_nothing_is_suggested_
 def question(shell: str, line: str) -> dict[str, str]:
     """The variables in which a shell asks for the last word of a line."""
     bash = {"COMP_WORDS": line, "COMP_CWORD": str(line.count(" "))}
-    asked = {"bash": bash, "zsh": {"_TYPER_COMPLETE_ARGS": line}}[shell]
-    return asked | {"_SAWMILL_COMPLETE": f"complete_{shell}"}
+    return {"bash": bash, "zsh": {"_TYPER_COMPLETE_ARGS": line}}[shell] | {"_SAWMILL_COMPLETE": f"complete_{shell}"}
 
 
 def answer(shell: str, line: str) -> str:

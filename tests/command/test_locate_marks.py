@@ -38,8 +38,7 @@ def test_nails_are_where_the_simulation_says_and_the_aligned_scan_is_reconstruct
     aligned = passed / "aligned.h5"
     found = json.loads(run(*arguments(passed), "--aligned", aligned, "--json").stdout)
     [metal] = json.loads((passed / "log-marks.json").read_text())["passages"]
-    places = np.array([mark["place_mm"] for mark in found["marks"]])
-    off = np.linalg.norm(places[:, None] - np.array(metal), axis=2)
+    off = np.linalg.norm(np.array([mark["place_mm"] for mark in found["marks"]])[:, None] - np.array(metal), axis=2)
     assert off.min(axis=1).max() < 1.0
     assert np.sort(off.min(axis=0))[3] < 1.0  # the fifth crosses another one in a picture
     said = " ".join(run(*arguments(passed)).stdout.split())

@@ -183,8 +183,7 @@ def test_vectors_on_an_arc_give_images_and_drift_checks(run, tmp_path):
     (tmp_path / "answer.json").write_text(answer)
     assert json.loads(answer)["scanner"]["detector_arc_radius_mm"] == 1500
     answered, views = tmp_path / "answer.json", tmp_path / "views.json"
-    angles = ("--views", 60, "--angles-deg", "3:6")
-    run("export", "--to", "vectors", "--calibration", answered, *angles, "-o", views)
+    run("export", "--to", "vectors", "--calibration", answered, *("--views", 60, "--angles-deg", "3:6"), "-o", views)
     known = (tmp_path / "scan.h5", *scan, "--geometry", views)
     run("reconstruct", *known, "--size", 32, "--method", "fbp", "-o", tmp_path / "volume.h5")
     found = json.loads(run("drift", *known, "--json").stdout)

@@ -22,8 +22,7 @@ pytestmark = pytest.mark.slow
 def test_the_demo_leaves_a_page_of_pictures_and_figures(tmp_path, offline):
     elsewhere = {"SAWMILL_DATABASE_URL": "sqlite:////nowhere/the-mills-own.db"}
     command = [sys.executable, "-m", "sawmill_command.commands", "demo", "--output", str(tmp_path / "out")]
-    environment = {**offline.variables, **elsewhere}
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    done = subprocess.run(command, env={**offline.variables, **elsewhere}, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     check_demo(tmp_path / "out", done.stdout, error_mm=0.08, relative_error=0.1, size=256)
     assert offline.asked_for() == ""

@@ -35,8 +35,7 @@ def test_nothing_opens_without_limits_and_without_a_scan_the_time_counts_from_th
     assert after(NEW, START + timedelta(days=300)) == {}
     facts = replace(NEW, limits=AlarmLimits(quiet_after_hours=24, phantom_scan_every_days=1))
     assert after(facts, hours(23)) == {}
-    opened = after(facts, hours(24))
-    assert {what: (alarm.last_at, alarm.since) for what, alarm in opened.items()} == {
+    assert {what: (alarm.last_at, alarm.since) for what, alarm in after(facts, hours(24)).items()} == {
         AlarmKind.NO_PHANTOM_SCAN: (START, hours(24)),
         AlarmKind.SCANNER_QUIET: (START, hours(24)),
     }

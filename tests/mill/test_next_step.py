@@ -323,8 +323,7 @@ SPREADS = {"theta": dict.fromkeys(THETA, 0.1), "source_frame": dict.fromkeys(FRA
 
 
 def calibration(spreads=SPREADS, **frame):
-    answer = calibration_result(source_frame=FRAME | frame, standard_deviation=spreads)
-    return CalibrationResult.model_validate(answer)
+    return CalibrationResult.model_validate(calibration_result(source_frame=FRAME | frame, standard_deviation=spreads))
 
 
 def test_a_change_is_certain_beyond_both_error_bars_together():

@@ -26,10 +26,9 @@ def test_a_dummy_kind_of_job_runs_on_the_platform_alone(tmp_path):
 
 def test_the_platform_names_nothing_of_a_mill():
     folder = Path(sawmill_platform.__file__).parent
-    named = [
+    assert [
         f"{path.relative_to(folder)}:{number}: {line.strip()}"
         for path in folder.rglob("*.py")
         for number, line in enumerate(path.read_text().splitlines(), 1)
         if MILL.search(PRODUCT.sub("", line))
-    ]
-    assert named == []
+    ] == []

@@ -315,8 +315,7 @@ def seed(store: Store, worker: FakeWorker) -> None:
 
 def projections() -> np.ndarray:
     """(views, rows, detector), another constant in each row."""
-    rows = np.linspace(0.1, 0.9, ROWS, dtype=np.float32)
-    return np.broadcast_to(rows[None, :, None], (VIEWS, ROWS, CELLS)).copy()
+    return np.broadcast_to(np.linspace(0.1, 0.9, ROWS, dtype=np.float32)[None, :, None], (VIEWS, ROWS, CELLS)).copy()
 
 
 @pytest.fixture

@@ -73,8 +73,7 @@ def test_what_decides_or_removes_needs_more_than_work_and_a_route_without_a_scop
     changing = {operation for operation, scope in needs.items() if operation[0] != "GET" and scope is Scope.READ}
     assert changing == {("POST", "/login"), ("POST", "/logout")}
     assert all(needs["POST", kind.asked_at or f"/v1/{kind.kind.plural}"] is Scope.SUBMIT for kind in asked_kinds())
-    without = {path: rule.needs for (_, path), rule in rules(keyed.app).items() if isinstance(rule.needs, NoKey)}
-    assert without == {
+    assert {path: rule.needs for (_, path), rule in rules(keyed.app).items() if isinstance(rule.needs, NoKey)} == {
         **dict.fromkeys(("/health/live", "/health/ready"), NoKey.MONITORING),
         **dict.fromkeys(("/login", "/login/{link}", "/look"), NoKey.LOGIN),
         **dict.fromkeys(("/problems", "/problems/", "/problems/{code}"), NoKey.AFTER_REFUSAL),
@@ -183,8 +182,7 @@ def guarded(seeded, store, settings):
 
 @pytest.mark.slow
 def test_everything_but_health_needs_the_token(guarded):
-    documented = {path.replace("{", "").replace("}", "") for path in guarded.app.openapi()["paths"]}
-    for path in documented | PAGES:
+    for path in {path.replace("{", "").replace("}", "") for path in guarded.app.openapi()["paths"]} | PAGES:
         for method in ("GET", "POST", "HEAD", "OPTIONS"):
             answer = guarded.request(method, path)
             is_open = path in OPEN or (path.startswith("/problems/") and method != "POST")

@@ -247,8 +247,7 @@ def test_streams_and_waits_are_bounded_all_are_told_the_end_and_leave_their_plac
             assert [task.result().json()["code"] for task in refused] == ["too-many-requests"]
             assert (await http.get(f"/v1/jobs/{job_id}")).json()["state"] == "queued"
             store.jobs.request_cancel(job_id)
-            answers = await asyncio.gather(*waiting)
-            assert ["cancelled" in answer.text for answer in answers] == [True] * most
+            assert ["cancelled" in answer.text for answer in await asyncio.gather(*waiting)] == [True] * most
             again = await asyncio.gather(*[http.get(address) for _ in range(most)])
             assert {answer.status_code for answer in again} == {200}
 
@@ -264,8 +263,7 @@ def test_a_display_finds_a_stream_when_other_keys_have_taken_theirs(limited, sto
         async with asynchronous(client.app) as http:
 
             def follow(key: NewKey) -> asyncio.Task[httpx.Response]:
-                headers = {"Authorization": f"Bearer {key.secret}"}
-                return asyncio.create_task(http.get("/v1/events", headers=headers))
+                return asyncio.create_task(http.get("/v1/events", headers={"Authorization": f"Bearer {key.secret}"}))
 
             streams = [follow(key) for key in (*keys, *keys)]
             refused, open_streams = await asyncio.wait(streams, timeout=60, return_when=asyncio.FIRST_COMPLETED)
@@ -274,8 +272,7 @@ def test_a_display_finds_a_stream_when_other_keys_have_taken_theirs(limited, sto
             refused, on_the_wall = await asyncio.wait(displays, timeout=60, return_when=asyncio.FIRST_COMPLETED)
             assert ["4 streams of events are open" in task.result().text for task in refused] == [True]
             client.app.state.stopping.begin()
-            ended = await asyncio.gather(*open_streams, *on_the_wall)
-            assert {answer.status_code for answer in ended} == {200}
+            assert {answer.status_code for answer in await asyncio.gather(*open_streams, *on_the_wall)} == {200}
 
     asyncio.run(story())
 
@@ -332,8 +329,7 @@ def test_of_many_at_once_exactly_as_many_are_accepted_as_there_are_places(each_s
         opened.close()
     statuses = [Counter(answer.status_code for answer in of_key) for of_key in answers]
     assert statuses == [{202: OF_A_KEY, 429: AT_ONCE - OF_A_KEY}, {202: IN_ALL - OF_A_KEY, 429: 17}]
-    details = [{answer.json()["detail"] for answer in of_key if answer.status_code == 429} for of_key in answers]
-    assert details == [
+    assert [{answer.json()["detail"] for answer in of_key if answer.status_code == 429} for of_key in answers] == [
         {"6 jobs wait, and 6 of one key may (SAWMILL_MAX_QUEUED_JOBS_PER_KEY), here of 'line 0': try again in 60 s"},
         {"9 jobs wait, and 9 may in all (SAWMILL_MAX_QUEUED_JOBS): try again in 60 s"},
     ]

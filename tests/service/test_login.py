@@ -256,8 +256,7 @@ def test_a_display_s_link_is_printed_as_a_code_logs_one_in_once_and_no_other_sec
 
 
 def test_a_session_ends_with_what_opened_it(browser, store):
-    ends = {"revoked": store.keys.revoke, "rotated": store.keys.rotate, "token changed": None}
-    for end, act in ends.items():
+    for end, act in {"revoked": store.keys.revoke, "rotated": store.keys.rotate, "token changed": None}.items():
         key = key_of(store, Scope.ADMIN)
         log_in(browser, TOKEN if act is None else key.secret)
         assert browser.get("/").status_code == 200

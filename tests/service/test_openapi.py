@@ -359,13 +359,12 @@ def test_the_document_has_as_deprecated_what_is_marked_and_nothing_else(seeded):
     }
     assert {(ask.__name__, name) for ask, name, _ in FIELDS} <= flagged
     assert {name for _, name in flagged} == {name for _, name, _ in FIELDS}
-    routes = {
+    assert {
         f"{method.upper()} {path}"
         for path, item in document["paths"].items()
         for method, operation in item.items()
         if operation.get("deprecated")
-    }
-    assert routes == {str(route) for route in OLD_ROUTES}
+    } == {str(route) for route in OLD_ROUTES}
 
 
 @pytest.mark.parametrize("name", MARKS)

@@ -222,12 +222,11 @@ def test_every_page_of_the_product_names_a_page_that_helps_and_links_without_add
     assert {"do/technician", "understand/drift", "do/webhooks"} <= named.keys()
     assert {page: name for page, name in named.items() if client.get(f"/help/{page}").status_code != 200} == {}
     assert 'href="/help/do/technician"' in client.get("/", headers=BROWSER).text
-    without = {
+    assert {
         path.name
         for path in TEMPLATES.glob("*.html")
         if '{% extends "pages/base.html" %}' in path.read_text() and "set help" not in path.read_text()
-    }
-    assert without == {"login.html", "login_display.html", "help.html", "help_search.html"}
+    } == {"login.html", "login_display.html", "help.html", "help_search.html"}
     for document in all_documents("en"):
         source = (ROOT / "docs" / f"{document.path}.md") if document.path else ROOT / "docs/README.md"
         for text in re.findall(r"<span>(.*?)</span>", document.html):
@@ -322,12 +321,11 @@ def test_the_wheel_has_the_documents(tmp_path):
     subprocess.run([*command, source], check=True)
     (wheel,) = tmp_path.glob("*.whl")
     inside = {name for name in zipfile.ZipFile(wheel).namelist() if "/documents/" in name}
-    documents = {
+    assert {
         f"sawmill_service/documents/{name}"
         for name in filter(None, tracked.split("\0"))
         if name.startswith(("docs/", "examples/")) and not name.endswith(".py")
-    }
-    assert documents <= inside
+    } <= inside
     assert "sawmill_service/documents/LICENSE" in inside
     assert not [name for name in inside if name.endswith(".py") and "/docs/" in name]
 

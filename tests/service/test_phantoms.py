@@ -105,10 +105,9 @@ def test_a_phantom_measured_anew_is_another_one_that_follows_it_and_no_day_to_co
 
 
 def drawn(store, *measurements: SizeMeasurement) -> str:
-    drawing = PhantomDrawing(
-        name="<round>", shapes=[Disc(center_mm=(0, 0), radius_mm=50)], measurements=list(measurements)
-    )
-    return store.phantoms.create(drawing).id
+    return store.phantoms.create(
+        PhantomDrawing(name="<round>", shapes=[Disc(center_mm=(0, 0), radius_mm=50)], measurements=list(measurements))
+    ).id
 
 
 def measured(days_ago: int, expires_in_days: int | None, axis: str = "x") -> SizeMeasurement:

@@ -65,12 +65,11 @@ def test_a_repeat_makes_nothing_and_gets_the_first_answer(seeded, store, woken, 
 
 
 def test_keys_are_documented_may_stand_in_quotes_and_bad_ones_are_refused(seeded):
-    operations = {
+    for (path, method), names in {
         (path, method): [parameter["name"] for parameter in operation.get("parameters", [])]
         for path, item in seeded.app.openapi()["paths"].items()
         for method, operation in item.items()
-    }
-    for (path, method), names in operations.items():
+    }.items():
         assert ("Idempotency-Key" in names) is (method == "post"), (path, method)
     made = seeded.app.openapi()["paths"]["/v1/scanners"]["post"]["responses"]["201"]
     assert made["headers"]["Idempotency-Replayed"]["schema"]["const"] == "true"

@@ -331,8 +331,7 @@ def test_a_known_red_stays_red_and_asks_for_nothing_until_its_time_or_a_newer_re
 
 def test_limits_are_set_on_the_scanner_s_page_and_every_alarm_of_one_is_on_the_first_page(seeded, store, later):
     limits = AlarmLimits(quiet_after_hours=24, phantom_scan_every_days=1)
-    spare = store.scanners.get("example-spare")
-    store.scanners.update("example-spare", spare.model_copy(update={"alarms": limits}))
+    store.scanners.update("example-spare", store.scanners.get("example-spare").model_copy(update={"alarms": limits}))
     later.alarms.check()
     row = seeded.get("/").text.split('id="scanner-example-spare"')[1].split("</li>")[0]
     assert absent(row, "It has no scan yet", "It has sent no scan for longer than is allowed") == []

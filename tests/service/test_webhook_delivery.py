@@ -346,8 +346,7 @@ def test_what_a_killed_process_had_sent_and_not_noted_is_sent_again_with_its_id(
     receiver.usual = receivers.hanging
     happen(store, 2)
     environment = {name: value for name, value in os.environ.items() if not name.startswith("SAWMILL_")}
-    command = [sys.executable, "-c", SENDING, str(store.files.folder)]
-    with subprocess.Popen(command, env=environment) as process:
+    with subprocess.Popen([sys.executable, "-c", SENDING, str(store.files.folder)], env=environment) as process:
         try:
             assert receiver.has(1)
         finally:

@@ -65,8 +65,7 @@ def test_what_is_refused_cancelled_and_deleted_is_announced(store, upload, clock
     refuse("the file holds no stack")
     store.jobs.request_cancel(cancelled.job_id)
     store.scans.delete(refused.id)
-    seen = [(event.type, event.subject_id, (event.detail or {}).get("reason")) for event in reader.read()[3:]]
-    assert seen == [
+    assert [(event.type, event.subject_id, (event.detail or {}).get("reason")) for event in reader.read()[3:]] == [
         ("failed", refused.id, None),
         ("scan-refused", refused.id, "the file holds no stack"),
         ("cancelled", cancelled.id, None),

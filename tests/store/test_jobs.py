@@ -267,8 +267,7 @@ def test_the_fate_of_each_attempt_is_kept(store, upload, finish):
     store.jobs.fail(claim(store), FULL, retries=AT_ONCE)
     store.jobs.release(claim(store))
     finish(store)
-    history = [(event.attempt, event.type) for event in store.events.of_job(scan.job_id)]
-    assert history == [
+    assert [(event.attempt, event.type) for event in store.events.of_job(scan.job_id)] == [
         *[(1, "started"), (1, "lost"), (2, "started"), (2, "postponed")],
         *[(3, "started"), (3, "given-back"), (4, "started"), (4, "succeeded")],
     ]

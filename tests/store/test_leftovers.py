@@ -224,8 +224,7 @@ def test_a_round_is_cheap_however_many_folders_there_are(store, observer):
 def test_one_that_cannot_be_removed_does_not_keep_the_others(store, observer):
     stuck, other = (made(store.files.results(kinds.PLAN, name)) for name in ("a-stuck", "b-other"))
     observer.look()
-    refused = at_call("os.rename", refusing(errno.EACCES), below=stuck)
-    with refused, pytest.raises(PermissionError, match="a-stuck"):
+    with at_call("os.rename", refusing(errno.EACCES), below=stuck), pytest.raises(PermissionError, match="a-stuck"):
         observer.look(GRACE_S)
     assert stuck.exists()
     assert not other.exists()

@@ -136,13 +136,12 @@ def test_events_are_sent_again_or_passed_over_when_somebody_says_so(store, outbo
 
 
 def test_a_change_counts_from_the_next_event_on(store, outbox):
-    changes = {
+    for name, change in {
         "pause": lambda identifier: store.webhooks.enable(identifier, enabled=False),
         "move": lambda identifier: store.webhooks.update(identifier, WebhookRequest(url="https://other.mill.example/")),
         "rotate": lambda identifier: store.webhooks.rotate(identifier, grace_s=0),
         "delete": store.webhooks.delete,
-    }
-    for name, change in changes.items():
+    }.items():
         webhook = store.webhooks.create(WebhookRequest(url=URL))
         happen(store, *[mill_events.ALARM_OPENED] * 2)
         pending = outbox.pending(webhook.id, 10**6)

@@ -181,8 +181,7 @@ def test_a_schedule_that_keeps_missing_is_announced_when_it_begins(store, checks
     *_, (_, reason) = missed(store, checks)
     assert reason.startswith("nothing ran schedules then; later there was no new scan of a log")
     # Somebody has put it right, or believes so.
-    spec = ScheduleSpec(scanner_id=checks.scanner_id, kind="check-drift", cron=checks.cron)
-    store.schedules.update(checks.id, spec)
+    store.schedules.update(checks.id, ScheduleSpec(scanner_id=checks.scanner_id, kind="check-drift", cron=checks.cron))
     assert (missed_after(1), missed_after(4)) == (4, 4)
 
 

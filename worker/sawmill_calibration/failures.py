@@ -109,7 +109,6 @@ def _plain(value: object) -> object:
     return value.tolist() if isinstance(value, np.generic | np.ndarray) else repr(value)
 
 
-STATUS = Path("/proc/self/status")
 # A library that doubles its memory until it suffices holds about half of the limit when it fails
 # (tests/worker/execution/test_bombs.py).
 RAN_SHORT = 0.4
@@ -121,21 +120,21 @@ def limit_bytes() -> int | None:
     return None if limit == resource.RLIM_INFINITY else limit
 
 
-def free_bytes(status: Path = STATUS) -> int | None:
+def free_bytes() -> int | None:
     """Return the bytes that the process may still allocate; None without a limit."""
     limit = limit_bytes()
-    return None if limit is None else max(limit - _read(status)["VmData"], 0)
+    return None if limit is None else max(limit - _read_sizes()["VmData"], 0)
 
 
-def ran_short(status: Path = STATUS) -> bool:
+def ran_short() -> bool:
     """Return whether the peak was so far above the present memory that an allocation may have reached the limit."""
-    free, sizes = free_bytes(status), _read(status)
+    free, sizes = free_bytes(), _read_sizes()
     return free is not None and sizes["VmHWM"] - sizes["VmRSS"] > RAN_SHORT * free
 
 
-def _read(status: Path) -> dict[str, int]:
+def _read_sizes() -> dict[str, int]:
     """Read sizes in bytes by the kernel's names: data segment, present memory and peak memory."""
-    lines = (line.split(":", 1) for line in status.read_text(encoding="utf-8").splitlines())
+    lines = (line.split(":", 1) for line in Path("/proc/self/status").read_text(encoding="utf-8").splitlines())
     return {name: 1024 * int(value.split()[0]) for name, value in lines if name in {"VmData", "VmRSS", "VmHWM"}}
 
 

@@ -151,12 +151,11 @@ def random_passages(count: int, seed: int) -> list[Passage]:
         apart = np.abs(np.angle(np.exp(1j * (rolls[:, None] - rolls)))) + APART_RAD * np.eye(count)
         if (apart >= min(APART_RAD, TAU / (2 * count))).all():
             break
-    drawn = zip(
-        rng.uniform(-PLACE_MM, PLACE_MM, (count, 2)), rolls, SLOPE * rng.standard_normal((count, 2)), strict=True
-    )
     return [
         Passage((float(x), float(y)), float(roll), (float(dx), float(dy)), float(TWIST * rng.standard_normal()))
-        for (x, y), roll, (dx, dy) in drawn
+        for (x, y), roll, (dx, dy) in zip(
+            rng.uniform(-PLACE_MM, PLACE_MM, (count, 2)), rolls, SLOPE * rng.standard_normal((count, 2)), strict=True
+        )
     ]
 
 
@@ -284,15 +283,14 @@ def write_line_integrals(
     """Simulate line integrals, one cross-section per row, into a file, for angles_rad as in `write_counts`."""
     theta = json.dumps(vars(geometry.theta), separators=(",", ":"))
     stack = simulate_rows(slices, geometry, noise=noise, background=background, seed=seed)
-    scan = new_scan(
+    with new_scan(
         path,
         stack.shape,
         angles_rad=angles_rad,
         detector_pitch_mm=geometry.scanner.detector_pitch_mm,
         row_pitch_mm=row_pitch_mm,
         detector_arc_radius_mm=geometry.scanner.detector_arc_radius_mm,
-    )
-    with scan as written:
+    ) as written:
         written.data[...] = stack
         written.note(air_level=None, provenance={"simulated": slices[-1].name, "seed": str(seed), "theta": theta})
 

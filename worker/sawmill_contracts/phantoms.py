@@ -175,10 +175,9 @@ class PhantomDrawing(Contract):
         """
         measured = {each.dimension: each for each in (*self.measurements, *new)}
         factors = [self._factor(axis, measured.get(axis)) for axis in ("x", "y")]
-        shapes = [_stretched(shape, *factors) for shape in self.shapes] if stretched else self.shapes
         drawing = PhantomDrawing(
             name=self.name,
-            shapes=shapes,
+            shapes=[_stretched(shape, *factors) for shape in self.shapes] if stretched else self.shapes,
             measurements=list(measured.values()),
             true_axis=self.true_axis,
             follows=phantom_id,

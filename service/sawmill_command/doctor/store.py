@@ -59,8 +59,7 @@ def database(storage: StorageSettings, settings: ServiceSettings) -> Iterator[Do
                     sentence = (
                         f"days were counted last at {since.isoformat(timespec='seconds')}: nothing goes by its age"
                     )
-                    cure = "check the clock, then confirm the rules on the page /retention"
-                    yield watch("retention", sentence, cure)
+                    yield watch("retention", sentence, "check the clock, then confirm the rules on the page /retention")
     except StorageMisconfigured as error:
         yield bad("database", str(error), _RESTORE if storage.is_one_file else "mend SAWMILL_DATABASE_URL")
     except StorageError as error:

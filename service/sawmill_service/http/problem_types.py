@@ -83,10 +83,9 @@ def describe_code(schema: dict[str, Any]) -> None:
 
 
 def _read(path: Path) -> list[ProblemType]:
-    entries = tomllib.loads(path.read_text())["problem"]
     return [
         ProblemType(code=code, type=type_of(code), **entry)
-        for entry in entries
+        for entry in tomllib.loads(path.read_text())["problem"]
         for pattern in entry.pop("codes")
         for code in dict.fromkeys(pattern.replace("{noun}", declared.noun) for declared in KINDS)
     ]

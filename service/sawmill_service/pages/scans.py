@@ -71,9 +71,8 @@ def reconstruct(scan_id: Identifier, page: ThePage, store: TheStore, wake: TheWa
     if "field_mm" in texts:
         texts["field_mm"] = plain_number(texts["field_mm"])
     try:
-        options = LogForm.model_validate(texts)
         log = store.reconstructions.accept(
-            ReconstructionRequest(scan_id=scan_id, **options.model_dump(exclude_unset=True))
+            ReconstructionRequest(scan_id=scan_id, **LogForm.model_validate(texts).model_dump(exclude_unset=True))
         )
     except ValidationError as error:
         return _scan_page(page, store, scan_id, status=422, problem="; ".join(placed_complaints(error)), typed=fields)
@@ -104,7 +103,6 @@ def _scan_page(
 ) -> Response:
     scan = store.scans.get(scan_id)
     logs = store.reconstructions.page(scan_id=scan_id, limit=10).items
-    calibrations = store.calibrations.page(scan_id=scan_id, limit=10).items
     return page.answer(
         "scan.html",
         status=status,
@@ -113,7 +111,7 @@ def _scan_page(
         phantoms=phantom_names(store.phantoms),
         state=SCAN_STATES[scan.state],
         logs=logs,
-        calibrations=calibrations,
+        calibrations=store.calibrations.page(scan_id=scan_id, limit=10).items,
         methods=sorted(ReconstructionMethod, key=lambda method: method is not ReconstructionMethod.AUTO),
         sizes=SIZES_PX,
         defaults={name: field.default for name, field in ReconstructionOptions.model_fields.items()},

@@ -228,8 +228,7 @@ def get_side_view(
         from sawmill_formats.output import volume_reader
 
         view = volume_reader.side_view(store.reconstructions.files.volume(reconstruction_id), shape, query.along)
-        window = window_to_draw(query, window_of(view.data))
-        return side_view_png(view, window=window, color_map=query.color_map)
+        return side_view_png(view, window=window_to_draw(query, window_of(view.data)), color_map=query.color_map)
 
     size_bytes = BYTES_PER_VALUE * shape[0] * max(shape[1:])
     return picture(request, (reconstruction_id, "side", query), draw, size_bytes=size_bytes)

@@ -111,8 +111,7 @@ class WebhookSending:
 
     async def _post(self, destination: Destination, headers: Mapping[str, str], body: bytes) -> DeliveryAnswer:
         self._allowed.check(destination)
-        resolved = await self._resolve(destination.host, destination.port)
-        addresses = self._allowed.check_addresses(resolved, destination)
+        addresses = self._allowed.check_addresses(await self._resolve(destination.host, destination.port), destination)
         # An address that never answers, as with IPv6 in many networks, leaves time for the other addresses.
         connect_s = self._limit_s / (len(addresses) + 1)
         for address in addresses[:-1]:

@@ -253,8 +253,7 @@ def test_mat_v5_of_a_machine_with_the_other_byte_order(tmp_path, stack):
 def test_mat_v5_of_any_real_type(tmp_path, rng, dtype):
     values = rng.integers(0, 100, (6, 3, 8)).astype(dtype)
     scipy.io.savemat(tmp_path / "scan.mat", {"arr": values})
-    scan = read_scan(tmp_path / "scan.mat", counts=False, angles_deg=STEPS)
-    np.testing.assert_array_equal(scan.projections, values)
+    np.testing.assert_array_equal(read_scan(tmp_path / "scan.mat", counts=False, angles_deg=STEPS).projections, values)
 
 
 def test_a_field_of_a_mat_v73_struct_is_named_by_its_path(tmp_path, stack):

@@ -140,10 +140,9 @@ def test_from_an_empty_folder_to_the_accepted_calibration(page, service, tmp_pat
     assert f"calibration={active}" in page.url
 
     # Files that are no scans, in Finnish: a photo, and the result that was just made, which is opened instead.
-    result = service.get(f"/v1/calibrations/{active}").content
     for name, content, sentence in [
         ("kuva.jpg", b"\xff\xd8\xff\xe0\x00\x10JFIF", "Tämä on kuva eikä skannaus"),
-        ("tulos.json", result, "Tämä on kalibrointi eikä skannaus"),
+        ("tulos.json", service.get(f"/v1/calibrations/{active}").content, "Tämä on kalibrointi eikä skannaus"),
     ]:
         page.goto("/look?language=fi&next=/calibrate")
         sent = {"name": name, "mimeType": "", "buffer": content}

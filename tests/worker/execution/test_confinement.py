@@ -88,8 +88,7 @@ def test_every_kind_of_attempt_has_limits_a_folder_and_its_own_files_alone(store
         assert "canary" not in "".join(each["environment"]), kind
         # Beside the log: pipes from and to its worker, and what the kernel tells of cores and memory.
         assert not [path for path in each["open"] if not path.startswith(("pipe:", "/proc/"))], kind
-        done = {name: ending for name, ending in each["tries"].items() if ending != "PermissionError"}
-        assert done == {}, kind
+        assert {name: ending for name, ending in each["tries"].items() if ending != "PermissionError"} == {}, kind
     assert list(attempts.iterdir()) == []
     assert (store.files.folder.parent / "canary").read_text() == "canary"
 

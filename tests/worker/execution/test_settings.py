@@ -92,13 +92,12 @@ def test_the_service_s_settings_are_known_to_workers():
 
 
 def test_every_variable_that_the_product_names_is_known():
-    named = {
+    assert {
         name
         for folder in ("service", "worker")
         for path in (ROOT / folder).rglob("*.py")
         for name in re.findall(r"\bSAWMILL_[A-Z_]+[A-Z]\b", path.read_text())
-    }
-    assert named <= settings.KNOWN
+    } <= settings.KNOWN
     settings.check_variables(dict.fromkeys(settings.KNOWN, ""))
 
 

@@ -125,8 +125,7 @@ def test_nothing_is_left_when_the_service_is_killed(store, storage, settings, qu
 
 def test_a_worker_that_cannot_start_is_tried_again_ever_more_slowly(storage, settings):
     now_s = [0.0]
-    broken = [sys.executable, "-c", ""]
-    worker = WatchedWorker(broken, environment_with(storage, settings), monotonic=lambda: now_s[-1])
+    worker = WatchedWorker([sys.executable, "-c", ""], environment_with(storage, settings), monotonic=lambda: now_s[-1])
     worker.start()
     for wait_s in (0.5, 1.0, 2.0):
         ended = worker.process

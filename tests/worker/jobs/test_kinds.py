@@ -222,8 +222,7 @@ def test_numbers_that_cannot_be_read_refuse_the_file_at_once(store, attempt):
     buffer = io.BytesIO()
     with h5py.File(buffer, "w") as file:
         packed = {"chunks": (1, 4, 8), "compression": "gzip"}
-        data = file.create_dataset("entry/data/data", data=np.repeat(COUNTS, 4, axis=1), **packed)
-        chunk = data.id.get_chunk_info(0)
+        chunk = file.create_dataset("entry/data/data", data=np.repeat(COUNTS, 4, axis=1), **packed).id.get_chunk_info(0)
     content = bytearray(buffer.getvalue())
     content[chunk.byte_offset : chunk.byte_offset + chunk.size] = bytes(chunk.size)
     result = inspected(store, attempt, bytes(content), dataset="/entry/data/data")

@@ -188,8 +188,7 @@ def read_passages(
         pair = scanner.pairs[place]
         report = part_of(on_progress, number / len(sources), (number + 1) / len(sources))
         named = f"pair {place + 1}" + (f", passage {passage + 1}" if len(sources) > len(scanner.pairs) else "")
-        opened = open_rows(source, source_to_cor_mm=pair.source_distance_mm, on_progress=report)
-        with _named(named), opened as rows:
+        with _named(named), open_rows(source, source_to_cor_mm=pair.source_distance_mm, on_progress=report) as rows:
             stack = rows.stack()
         cells, due = stack.shape[-1], pair.num_detector_pixels
         if cells != due:
@@ -226,8 +225,7 @@ def _data_of(files: Sequence[_PassageFile], pair: FixedPair, *, begins: bool) ->
     if (count := min(own.stop - own.start for own in ranges)) < 1:
         raise refused("rows-missing", "the passages show the board in rows that no two files share: begin them alike")
     stack = np.concatenate([file.stack[:, own.start :][:, :count] for file, own in zip(files, ranges, strict=True)])
-    groups = GROUPS if pitch_mm is not None and count >= FEWEST * GROUPS else 1
-    parts = np.array_split(np.arange(count), groups)
+    parts = np.array_split(np.arange(count), GROUPS if pitch_mm is not None and count >= FEWEST * GROUPS else 1)
     lines = np.stack([stack[:, part].mean(axis=1, dtype=np.float64) for part in parts], axis=1)
     begin_mm = 0.0 if begins else ranges[0].start * (pitch_mm or 0.0) + pair.feed_offset_mm
     heights_mm = np.array([part.mean() * (pitch_mm or 0.0) + begin_mm for part in parts])

@@ -245,18 +245,16 @@ def _of_the_detector(
 
 def _not_seen(fit: change.DetectorFit, zero: drifts.DriftBaseline | None) -> list[str]:
     of_flat_field = change.FLAT_FIELD_NOT_SEEN if zero is None else change.FLAT_FIELD_CHANGE_NOT_SEEN
-    of_distance = [change.DISTANCE_NOT_SEEN] if fit.distance_held else []
     return [
         *change.NOT_SEEN,
-        *of_distance,
+        *([change.DISTANCE_NOT_SEEN] if fit.distance_held else []),
         *([] if isinstance(fit, change.ConjugateFit) else [of_flat_field, change.ENCODER_NOT_SEEN]),
     ]
 
 
 def _disturbance(each: change.Disturbance, amplitude: float) -> drifts.TurnDisturbance:
-    if each.part == "encoder":
-        return drifts.TurnDisturbance(part=each.part, times_a_turn=each.order, amplitude_deg=amplitude)
-    return drifts.TurnDisturbance(part=each.part, times_a_turn=each.order, amplitude_mm=amplitude)
+    size = {"amplitude_deg" if each.part == "encoder" else "amplitude_mm": amplitude}
+    return drifts.TurnDisturbance(part=each.part, times_a_turn=each.order, **size)
 
 
 def _detector(values: FloatArray) -> drifts.DetectorGeometry:

@@ -97,8 +97,7 @@ def log_on_pairs(
     errors = np.array([pair.predicted_rms_mm for pair in known.pairs])
     sights = Sights.of(pictures, errors, known.scale_uncertainty_percent / 100.0 / TWO_SIDED_95)
     bodies = sights.bodies()
-    placed = {mark for body in bodies for mark in body.marks.items()}
-    unplaced = sum(map(len, sights.marks)) - len(placed)
+    unplaced = sum(map(len, sights.marks)) - len({mark for body in bodies for mark in body.marks.items()})
     marks = [
         LocatedMark(
             place_mm=tuple(body.place_mm.tolist()),

@@ -377,8 +377,7 @@ class _Run:
         merged.remarks.extend(self._pose_remarks)
         predicted = geometry.predicted_ray_error_mm if isinstance(geometry, CalibrationResult) else None
         if predicted is not None and predicted.contrast_loss is not None and predicted.contrast_loss.matters:
-            lost_percent = predicted.contrast_loss.knot_10_mm_percent
-            merged.remark(ImageMessage.GEOMETRY_LOSES_CONTRAST(loss_percent=lost_percent))
+            merged.remark(ImageMessage.GEOMETRY_LOSES_CONTRAST(loss_percent=predicted.contrast_loss.knot_10_mm_percent))
         result = ReconstructionResult(
             shape=self.shape,
             pixel_mm=self._projector.grid.pixel_mm,

@@ -126,7 +126,7 @@ def prepare_scan(
     # A scan that is prepared later is read again, and its views may be moved.
     progress = _PassProgress(report, read.shape, passes=1 + afterwards + (2 + afterwards) * aligns)
     at_a_time = _within(window_bytes, read.shape[1:])
-    scan = new_scan(
+    with new_scan(
         output,
         read.shape,
         angles_rad=read.angles_rad,
@@ -135,8 +135,7 @@ def prepare_scan(
         detector_modules=read.detector_modules,
         detector_arc_radius_mm=read.detector_arc_radius_mm,
         views_together=min(step_views, at_a_time) if by_views or aligns else None,
-    )
-    with scan as written:
+    ) as written:
         averaged = None if read.averaged is None else AveragedRays(read.averaged, read.shape)
         present = _copy(read, written.data, averaged, None if afterwards else preparation, window_bytes, progress)
 
@@ -270,14 +269,13 @@ class _RowPreparation:
 
 def _corrections(options: PrepareOptions, *, counts: bool) -> Corrections:
     """Resolve `auto` in the options: counts are corrected, declared line integrals are used unchanged."""
-    automatic = options.air is AirCorrection.AUTO
     by_kind = FaultyCells.BRIDGE if counts else FaultyCells.KEEP
     faulty_cells = by_kind if options.faulty_cells is FaultyCells.AUTO else options.faulty_cells
     return Corrections(
         air=(AirCorrection.VIEWS if counts else AirCorrection.OFF)
         if options.air is AirCorrection.AUTO
         else options.air,
-        largest_air_level=LARGEST_DRIFT if automatic else math.inf,
+        largest_air_level=LARGEST_DRIFT if options.air is AirCorrection.AUTO else math.inf,
         bridge_faulty_cells=faulty_cells is FaultyCells.BRIDGE,
         remove_rings=options.rings is RingRemoval.SORTING,
     )

@@ -75,8 +75,7 @@ def read_angles_file(path: Path) -> AngleList:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         raise UnreadableScan("angles-malformed", f"{path.name} is not a text with one angle on each line") from error
-    lines = (line.partition("#")[0].strip() for line in text.splitlines())
-    values = tuple(_number(line) for line in lines if line)
+    values = tuple(_number(number) for line in text.splitlines() if (number := line.partition("#")[0].strip()))
     if not values:
         raise UnreadableScan("angles-malformed", f"{path.name} holds no angle; write one on each line, in degrees")
     return AngleList(values)

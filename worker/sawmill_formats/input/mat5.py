@@ -243,8 +243,7 @@ def _described(stream: VariableStream, here: Variable) -> tuple[str, Variable]:
     shape = () if kind == "opaque" else tuple(n for (n,) in struct.iter_unpack(f"{stream.order}i", _head(stream)))
     if min(shape, default=0) < 0:
         raise ValueError(f"the shape {shape} is declared")
-    name = _head(stream).decode("latin-1").rstrip("\0")
-    return name, replace(
+    return _head(stream).decode("latin-1").rstrip("\0"), replace(
         here,
         kind="logical" if flags >> 8 & LOGICAL else kind,
         shape=shape,

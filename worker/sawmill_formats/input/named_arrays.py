@@ -201,10 +201,9 @@ def _angles(arrays: NamedArrays) -> FileAngles:
 
 def _could_serve(arrays: NamedArrays, projections: str, pattern: re.Pattern[str], size: int) -> list[str]:
     """Name the arrays with such a name that are texts or have `size` values, with their uninterpreted values."""
-    names = (name for name in arrays.infos if name not in {projections, *OTHER_NAMES})
-    named = (name for name in names if pattern.search(name.rpartition("/")[2]))
-    infos = ((name, arrays.infos[name]) for name in named)
-    described = (_described(arrays, name) for name, info in infos if not info.numeric or math.prod(info.shape) == size)
+    infos = ((name, info) for name, info in arrays.infos.items() if name not in {projections, *OTHER_NAMES})
+    named = ((name, info) for name, info in infos if pattern.search(name.rpartition("/")[2]))
+    described = (_described(arrays, name) for name, info in named if not info.numeric or math.prod(info.shape) == size)
     return list(islice(filter(None, described), MOST_NAMES_QUOTED))
 
 

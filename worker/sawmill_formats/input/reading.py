@@ -111,7 +111,7 @@ def reading_scan(
             "flat and dark fields (--flats, --darks) belong to counts and the data were declared line integrals; "
             "declare counts, or leave the fields out",
         )
-    opened = reading_contents(
+    with reading_contents(
         path,
         counts=counts,
         dataset=dataset,
@@ -124,8 +124,7 @@ def reading_scan(
         follow_links=follow_links,
         max_bytes=max_bytes,
         free_bytes=free_bytes,
-    )
-    with opened as contents:
+    ) as contents:
         yield canonical_scan(
             contents,
             counts=counts,
@@ -323,9 +322,8 @@ def agree_on_angles(
         if carried.deg is not None:
             return carried.deg, doubts
         reason = carried.unusable or hint or "the file carries no angles"
-        other_number = any(selected((reason,), ReadingMessage.ANGLES_OF_OTHER_NUMBER))
         raise UnreadableScan(
-            "angles-mismatch" if other_number else "angles-missing",
+            "angles-mismatch" if any(selected((reason,), ReadingMessage.ANGLES_OF_OTHER_NUMBER)) else "angles-missing",
             f"{reason}; give the angles as START:STEP in degrees, as in 0.5:1, or one for each view (angles_deg, on "
             "the command line --angles-deg or --angles-file)",
         )

@@ -135,7 +135,7 @@ def new_reconstruction(
         slices = np.arange(shape[0], dtype=np.float64)
         along = slices if row_pitch_mm is None else first_slice_mm + slices * row_pitch_mm
         volume = _new_volume(entry, unit, along, x_mm, y_mm, spaced=row_pitch_mm is not None)
-        describe_image(volume, "attenuation", (along, x_mm, y_mm), (row_pitch_mm or 1.0, pixel_mm, pixel_mm))
+        describe_image(volume, (along, x_mm, y_mm), (row_pitch_mm or 1.0, pixel_mm, pixel_mm))
         # NXtomoproc requires a source and a sample.
         source = new_group(new_group(entry, "instrument", "NXinstrument"), "source", "NXsource")
         source["type"], source["probe"] = "Fixed Tube X-ray", "x-ray"
@@ -215,9 +215,7 @@ _GROUP, _POINTS = "VTKHDF", "VTKHDF/PointData"
 _ALONG_Y_X_MINUS_Z = ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0))
 
 
-def describe_image(
-    volume: h5py.Dataset, name: str, axes_mm: Sequence[NDArray[np.float64]], spacing_mm: Sequence[float]
-) -> None:
+def describe_image(volume: h5py.Dataset, axes_mm: Sequence[NDArray[np.float64]], spacing_mm: Sequence[float]) -> None:
     """Describe the positions of a volume's values (z, x, y) to VTK: each is a point in the middle of its pixel.
 
     `axes_mm` (z, x, y): centres of the pixels along each axis. `spacing_mm` (z, x, y): distances between the centres.
@@ -243,8 +241,7 @@ def describe_image(
         layout = h5py.VirtualLayout(volume.shape, volume.dtype)
         for n in range(len(volume)):
             layout[len(volume) - 1 - n] = source[n]
-    volume.file[_POINTS].create_virtual_dataset(name, layout)
-    volume.file[_POINTS][name].attrs["Attribute"] = np.bytes_("Scalars")
+    volume.file[_POINTS].create_virtual_dataset("attenuation", layout).attrs["Attribute"] = np.bytes_("Scalars")
 
 
 # Words a block of the checksum, whose sums are computed from the blocks' sums.

@@ -174,10 +174,9 @@ class Runner:
         output: Path | None = None
         try:
             output = self._store.files.make_attempt_folder(claim.job_id, claim.attempt)
-            supervision = _Supervision(
+            return _Supervision(
                 self._store, self._settings, self._stop, claim, process, self._take_for_check, output
-            )
-            return supervision.run()
+            ).run()
         finally:
             process.end(self._settings.kill_grace_s)
             if output is not None:

@@ -92,7 +92,6 @@ def installation() -> Sequence[Path]:
     The search takes some milliseconds, once for a template and all its children.
     """
     prefixes = (sys.prefix, sys.base_prefix, sys.exec_prefix, sys.base_exec_prefix)
-    asked_for = (os.environ.get(name, "") for name in ASKED_FOR)
     named = (
         *SYSTEM,
         *prefixes,
@@ -100,7 +99,7 @@ def installation() -> Sequence[Path]:
         *sys.path,
         str(Path(__file__).parents[2]),
         str(OWN_KERNELS),
-        *asked_for,
+        *(os.environ.get(name, "") for name in ASKED_FOR),
     )
     # A relative or empty path is the folder in which somebody happened to start the worker.
     there = {Path(path).resolve() for path in named if Path(path).is_absolute() and Path(path).exists()}

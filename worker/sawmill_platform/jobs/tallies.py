@@ -145,7 +145,6 @@ def _fates(session: Session, *which: ColumnElement[bool]) -> dict[Fate, Amount]:
 def _ended(dialect: str, *which: ColumnElement[bool]) -> Select[Any]:
     """Select a row for each attempt that a worker has ended; its seconds are known if the job ended with a result."""
     succeeded = EventRow.type == event_kinds.SUCCEEDED
-    seconds = case((succeeded, seconds_between(dialect, JobRow.started_at, JobRow.finished_at)))
     return (
         select(
             EventRow.type,
@@ -153,7 +152,7 @@ def _ended(dialect: str, *which: ColumnElement[bool]) -> Select[Any]:
             EventRow.detail["kind"].as_string().label("fault"),
             EventRow.detail["code"].as_string().label("code"),
             EventRow.detail[PEAK_MEMORY].as_float().label("peak_bytes"),
-            seconds.label("seconds"),
+            case((succeeded, seconds_between(dialect, JobRow.started_at, JobRow.finished_at))).label("seconds"),
         )
         .join(JobRow, JobRow.id == EventRow.job_id)
         .where(EventRow.type != event_kinds.STARTED, EventRow.worker.is_not(None), *which)

@@ -160,8 +160,7 @@ class WaitEstimates:
         at_work = _at_work(session)
         if not at_work:
             return None
-        before = _before(session, [row]).get(row.id, Counter())
-        return _wait_s(row, before, at_work, self._typical(session), now)
+        return _wait_s(row, _before(session, [row]).get(row.id, Counter()), at_work, self._typical(session), now)
 
     def _typical(self, session: Session) -> Durations:
         """Read the seconds from start to success: medians of the last jobs, at most a few seconds old."""

@@ -87,9 +87,8 @@ class EventReader:
 
     def _newest(self, session: Session) -> int:
         """Return the newest number through which all events are written."""
-        newest = select(func.max(EventRow.number))
         if self._sequential:
-            return session.scalar(newest) or 0
+            return newest_number(session)
         # One statement: it sees the rows of transactions that had ended by then, and no other rows.
         last, open_since, not_begun = session.execute(_NEWEST).one()
         if open_since == not_begun:
@@ -100,6 +99,11 @@ class EventReader:
         older = select(func.max(EventRow.number)).where(EventRow.number < min(recent, default=0))
         numbers = [*recent, session.scalar(older) or 0]
         return min((before for number, before in pairwise(numbers) if number > before + 1), default=last or 0)
+
+
+def newest_number(session: Session) -> int:
+    """Return the number of the newest written event; 0: there is none."""
+    return session.scalar(select(func.max(EventRow.number))) or 0
 
 
 def _transactions(session: Session) -> tuple[int, int]:

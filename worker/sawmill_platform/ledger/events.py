@@ -20,7 +20,7 @@ from sawmill_platform.database import clock
 from sawmill_platform.database.database import AFTER_COMMIT, StorePart
 from sawmill_platform.database.paging import found
 from sawmill_platform.database.tables import EventClass, EventRow, JobRow, Json
-from sawmill_platform.ledger.event_reader import EventReader, published
+from sawmill_platform.ledger.event_reader import EventReader, newest_number, published
 
 
 @dataclass(frozen=True)
@@ -105,8 +105,8 @@ def _canceller(session: Session, job: JobRow) -> tuple[str | None, str | None]:
 
 def record_restored(session: Session, now: datetime, detail: dict[str, Any]) -> None:
     """Add that a backup was restored, under a number that no event after the backup had."""
-    newest = session.scalar(select(func.max(EventRow.number))) or 0
-    session.add(EventRow(number=newest + NUMBERS_SKIPPED, at=now, type=event_kinds.RESTORED, detail=detail))
+    number = newest_number(session) + NUMBERS_SKIPPED
+    session.add(EventRow(number=number, at=now, type=event_kinds.RESTORED, detail=detail))
     session.flush()
 
 
@@ -232,7 +232,7 @@ class Events(StorePart):
     def newest_number(self) -> int:
         """Return the number of the newest written event; 0: there is none."""
         with self._database.read() as session:
-            return session.scalar(select(func.max(EventRow.number))) or 0
+            return newest_number(session)
 
     def reader(self) -> EventReader:
         """Return a reader of the events that are added from now on."""

@@ -28,6 +28,7 @@ from sawmill_platform.database.paging import Check, accept_any, found, new_id, r
 from sawmill_platform.database.tables import DeliveryRow, EventRow, WebhookRow
 from sawmill_platform.errors import Conflict
 from sawmill_platform.ledger.audit import changed
+from sawmill_platform.ledger.event_reader import newest_number
 from sawmill_platform.ledger.events import announce
 
 PREFIX = "whsec_"
@@ -75,7 +76,7 @@ class WebhookStore(StorePart):
             _describe(session, row, ask)
             announce(session, now, event_kinds.WEBHOOK_CREATED, "webhook", row.id, decided=_audited(row))
             session.flush()
-            newest = _newest(session)
+            newest = newest_number(session)
             row.after = newest if ask.after is None else min(ask.after, newest)
             session.add(row)
             session.flush()
@@ -180,11 +181,7 @@ def _replace(session: Session, now: datetime, row: WebhookRow, ask: WebhookReque
 def _describe(session: Session, row: WebhookRow, ask: WebhookRequest) -> None:
     row.url, row.description, row.events, row.enabled = ask.url, ask.description, ask.events, ask.enabled
     if ask.after is not None:
-        row.after = min(ask.after, _newest(session))  # later events are not skipped
-
-
-def _newest(session: Session) -> int:
-    return session.scalar(select(func.max(EventRow.number))) or 0
+        row.after = min(ask.after, newest_number(session))  # later events are not skipped
 
 
 def _audited(row: WebhookRow) -> dict[str, object]:

@@ -183,8 +183,7 @@ class CeleryWorker:
         # ever, in the thread that has to end the worker.
         sender.options |= {"without_heartbeat": True, "without_gossip": True, "without_mingle": True}
         # As many jobs as Celery runs at once, whatever `--concurrency` says.
-        slots = 1 if "solo" in pool else int(sender.concurrency)
-        self.settings = self.settings.model_copy(update={"workers": slots})
+        self.settings = self.settings.model_copy(update={"workers": 1 if "solo" in pool else int(sender.concurrency)})
         say_if_crowded(self.settings)
         say_if_unconfined(self.settings, os.geteuid(), landlock.version())
         # Celery handles signals later, and the first process of a container receives no signal that it does not handle.

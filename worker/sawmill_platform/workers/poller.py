@@ -104,11 +104,6 @@ def run(
         store = open_store(partial(program.open_store, StorageSettings()), stop)
         if store is not None:
             with closing(store):
-                selection = Selection(
-                    short=True if short_only else None,
-                    kinds=frozenset(kind for kind in JobKind.all() if kind in kinds) or None,
-                    group_ids=frozenset(groups(store)) or None,
-                )
                 run_worker(
                     program,
                     store,
@@ -116,7 +111,11 @@ def run(
                     stop,
                     wake=wake,
                     on_able=report_to_parent if watch_parent else lambda: None,
-                    selection=selection,
+                    selection=Selection(
+                        short=True if short_only else None,
+                        kinds=frozenset(kind for kind in JobKind.all() if kind in kinds) or None,
+                        group_ids=frozenset(groups(store)) or None,
+                    ),
                     idle_s=SHORT_IDLE_S if short_only else math.inf,
                 )
     except (StorageError, AttemptNotStarted, OSError) as error:

@@ -150,7 +150,6 @@ def close_alarms(session: Session, now: datetime, scanner_id: str) -> None:
 
 
 def _announce(session: Session, now: datetime, what: EventType, alarm: Alarm) -> None:
-    detail = alarm.model_dump(mode="json", exclude={"scanner_id", "acknowledged"}, exclude_none=True)
     announce(
         session,
         now,
@@ -158,7 +157,7 @@ def _announce(session: Session, now: datetime, what: EventType, alarm: Alarm) ->
         "scanner",
         alarm.scanner_id,
         group_id=alarm.scanner_id,
-        detail=detail,
+        detail=alarm.model_dump(mode="json", exclude={"scanner_id", "acknowledged"}, exclude_none=True),
         why=alarm_sentence(alarm),
     )
 
@@ -171,9 +170,8 @@ def _changes(session: Session, now: datetime, scanner_id: str | None = None) -> 
     # By scanner what the charts since its active calibration have found.
     columns = DriftChartRow.scanner_id, DriftChartRow.activation_number, DriftChartRow.alarm
     of_scanner = true() if scanner_id is None else DriftChartRow.scanner_id == scanner_id
-    statement = select(*columns).where(DriftChartRow.alarm.is_not(None), of_scanner)
     chart_alarms = defaultdict[str, list[Any]](list)
-    for chart in session.execute(statement):
+    for chart in session.execute(select(*columns).where(DriftChartRow.alarm.is_not(None), of_scanner)):
         active = active_since(session, chart.scanner_id)
         if active is not None and active.number == chart.activation_number:
             chart_alarms[chart.scanner_id].append(chart.alarm)

@@ -51,7 +51,7 @@ class Overviews(StorePart):
         of_active = select(DriftRow.id).where(DriftRow.calibration_id == _active_calibration())
         saw = of_active.where(DriftRow.result["within_tolerance"].as_boolean().is_not(None))
         newest = aliased(CalibrationRow)
-        statement = select(
+        selected = select(
             ScannerRow,
             _active_calibration().label("active_id"),
             _undecided(*_WITH_A_FATE).label("ended_id"),
@@ -64,8 +64,7 @@ class Overviews(StorePart):
                 "state"
             ),
             since.correlate(ScannerRow).scalar_subquery().label("discarded_at"),
-        )
-        selected = statement.where(true() if scanner_id is None else ScannerRow.id == scanner_id)
+        ).where(true() if scanner_id is None else ScannerRow.id == scanner_id)
         newest_first = selected.order_by(ScannerRow.created_at.desc(), ScannerRow.id.desc()).limit(limit)
         with self._database.read() as session:
             return [_read(row) for row in session.execute(newest_first).mappings()]

@@ -84,9 +84,8 @@ class Phantoms(QueuingPart):
     def replaced(self) -> set[str]:
         """Return the ids of phantoms that a newly measured phantom has replaced; never of a built-in phantom."""
         # A mill may have several bodies of a built-in drawing, of which one was measured.
-        built_in = select(PhantomRow.id).where(PhantomRow.built_in)
         with self._database.read() as session:
-            built_in_ids = set(session.scalars(built_in))
+            built_in_ids = set(session.scalars(select(PhantomRow.id).where(PhantomRow.built_in)))
         return self.followers().keys() - built_in_ids
 
     def accept_picture(

@@ -228,8 +228,7 @@ def _announce(session: Session, now: datetime, what: EventType, row: ScheduleRow
 
 
 def _announce_missed(session: Session, row: ScheduleRow, now: datetime, due_at: datetime, reason: str) -> None:
-    detail = {"due_at": due_at.isoformat(), "reason": reason}
-    _announce(session, now, mill_events.SCHEDULE_MISSED, row, detail=detail)
+    _announce(session, now, mill_events.SCHEDULE_MISSED, row, detail={"due_at": due_at.isoformat(), "reason": reason})
 
 
 def _describe(row: ScheduleRow, spec: ScheduleSpec, now: datetime) -> None:

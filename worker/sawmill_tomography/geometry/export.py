@@ -27,7 +27,6 @@ def odl_arguments(geometry: FanBeamGeometry) -> dict[str, Any]:
     scanner, theta = geometry.scanner, geometry.theta
     half = 0.5 * scanner.num_detector_pixels * scanner.detector_pitch_mm
     order = np.argsort(geometry.angles_rad, kind="stable")
-    ray = rotate(theta.initial_angle_rad, 0.0, 1.0)
     axis = rotate(theta.initial_angle_rad + math.atan(theta.detector_tilt), 1.0, 0.0)
     return {
         "angles_rad": geometry.angles_rad[order].tolist(),
@@ -37,7 +36,7 @@ def odl_arguments(geometry: FanBeamGeometry) -> dict[str, Any]:
         "num_detector_pixels": scanner.num_detector_pixels,
         "src_radius": scanner.source_to_cor_mm,
         "det_radius": theta.detector_to_cor_mm,
-        "src_to_det_init": [float(part) for part in ray],
+        "src_to_det_init": [float(part) for part in rotate(theta.initial_angle_rad, 0.0, 1.0)],
         "det_axis_init": [float(part) for part in axis],
         "src_shift_mm": [0.0, theta.source_shift_mm],
         "det_shift_mm": [0.0, theta.detector_shift_mm],

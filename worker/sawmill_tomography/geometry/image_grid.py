@@ -79,9 +79,8 @@ class ImageGrid:
             (math.ceil(max(low + radius_mm, 0.0) / h), math.ceil(max(radius_mm - low - self.field_mm, 0.0) / h))
             for low in self.low_mm
         ]
-        more = max(before + after for before, after in ends)
         before_x, before_y = (before for before, _ in ends)
-        size = self.size + more
+        size = self.size + max(before + after for before, after in ends)
         low_x, low_y = self.low_mm[0] - before_x * h, self.low_mm[1] - before_y * h
         larger = ImageGrid(size, size * h, (low_x + 0.5 * size * h, low_y + 0.5 * size * h))
         return larger, (slice(before_x, before_x + self.size), slice(before_y, before_y + self.size))

@@ -129,9 +129,8 @@ def _check(task: PairsTask) -> None:
 
 def _nominal(scanner: PairedScanner) -> Nominal:
     """Return the nominal places; what they may be off by is two standard deviations."""
-    frames = np.array([to_vector(pair.frame) for pair in scanner.pairs])
     within = np.array([(math.radians(pair.angle_within_deg), pair.place_within_mm) for pair in scanner.pairs])
-    return Nominal(frames, 0.5 * within[:, [0, 1, 1, 1, 0]])
+    return Nominal(np.array([to_vector(pair.frame) for pair in scanner.pairs]), 0.5 * within[:, [0, 1, 1, 1, 0]])
 
 
 @dataclass(frozen=True)

@@ -103,9 +103,8 @@ def _middles(data: Sequence[PairData], frames: FloatArray) -> FloatArray:
         w = middle - u_c
         angle = psi + np.arctan2(sdd + w * np.sin(tau), w * np.cos(tau))
         normal = np.stack([-np.sin(angle), np.cos(angle)], -1)
-        source = np.array([r * np.sin(psi), -r * np.cos(psi)])
         normals.append(normal)
-        offsets.append(normal @ source)
+        offsets.append(normal @ np.array([r * np.sin(psi), -r * np.cos(psi)]))
     a, b = np.stack(normals, 1), np.stack(offsets, 1)
     return np.linalg.solve(np.swapaxes(a, 1, 2) @ a, np.swapaxes(a, 1, 2) @ b[..., None])[..., 0]
 

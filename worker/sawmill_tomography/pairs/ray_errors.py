@@ -52,8 +52,7 @@ class PairRays:
         chosen = []
         for number, (scanner, frame) in enumerate(zip(self.scanners, self.frames, strict=True)):
             source, angle = _rays(scanner, frame)
-            near = np.abs(-np.sin(angle) * source[0] + np.cos(angle) * source[1]) < self.radius_mm
-            inside = np.flatnonzero(near)
+            inside = np.flatnonzero(np.abs(-np.sin(angle) * source[0] + np.cos(angle) * source[1]) < self.radius_mm)
             if inside.size < 2:
                 raise GeometryError(
                     f"no ray of pair {number + 1} meets the disc of radius {self.radius_mm:.4g} mm about the centre"
@@ -120,8 +119,7 @@ class PairRays:
         square = left.T @ left / len(left) @ covariance
         mean, spread = float(np.trace(square)), float(np.trace(square @ square))
         freedom = mean**2 / spread
-        upper = mean * exceeded_chi_square(1.0 - PROMISED, freedom) / freedom
-        return PredictedRays(math.sqrt(mean), math.sqrt(upper))
+        return PredictedRays(math.sqrt(mean), math.sqrt(mean * exceeded_chi_square(1.0 - PROMISED, freedom) / freedom))
 
     def without_motion(self, covariance: FloatArray, motion: FloatArray, frames: FloatArray) -> FloatArray:
         """Return the covariance (5 pairs, 5 pairs) of these frames after a motion, without what moves all alike.

@@ -135,8 +135,7 @@ class LogModel:
     def slice_at(self, height_mm: float) -> Phantom:
         """Return the cross-section at a height, densities in attenuation per mm."""
         shapes: list[Shape] = [*self._clear_wood]
-        cuts = (self._knot_polygon(knot, height_mm) for knot in self.knots)
-        shapes += [cut for cut in cuts if cut is not None]
+        shapes += [cut for knot in self.knots if (cut := self._knot_polygon(knot, height_mm)) is not None]
         if abs(height_mm - self.metal_height_mm) < 4.0 * self.metal_radius_mm:
             shapes.append(Disc(self.metal_mm, self.metal_radius_mm, METAL_PER_MM))
         shapes += [shape for nail in self.nails for shape in nail.cut(height_mm)]

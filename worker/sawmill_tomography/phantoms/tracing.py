@@ -77,8 +77,7 @@ def trace(
         raise PhantomError("the picture shows holes only: the phantom must be brighter than its surroundings")
     # Two sides, each somewhere in its pixel, leave pixel / sqrt(6) of the size open.
     extent = float(np.ptp(np.concatenate(Phantom("outlines", tuple(shapes)).outlines()), axis=0).mean())
-    tolerance = max(size_tolerance, pixel / math.sqrt(6.0) / extent)
-    return Phantom(name, tuple(shapes), tolerance, pixel / math.sqrt(2.0))
+    return Phantom(name, tuple(shapes), max(size_tolerance, pixel / math.sqrt(6.0) / extent), pixel / math.sqrt(2.0))
 
 
 def _bright_part(

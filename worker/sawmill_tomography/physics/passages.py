@@ -86,11 +86,10 @@ def simulate_passages(
     for number, (pair, frame) in enumerate(zip(scanner.pairs, frames, strict=True)):
         cells, at = pair.num_detector_pixels, heights + pair.feed_offset_mm
         converter = Converter.of(effects.detector, photons, cells, np.random.default_rng((seed, number, _CELLS)))
-        views = len(passages) * rows
         offsets = np.concatenate([one.place_mm + at[:, None] * one.slope for one in passages])
         rolls = np.concatenate([one.roll_rad + at * one.twist_rad_per_mm for one in passages])
         sections = [body] if isinstance(body, Phantom) else [body(float(height)) for height in at]
-        through = np.empty((views, cells))
+        through = np.empty((len(passages) * rows, cells))
         for first, section in enumerate(sections):
             wood = stand(section, effects.wood, np.random.default_rng((seed, _WOOD)))
             seen = slice(first, None, len(sections))
@@ -114,7 +113,6 @@ def _received(
 ) -> FloatArray:
     """Return the signals of all rows, (views, cells); the tube and the detector's lag start again in each passage."""
     rng = np.random.default_rng(seed)
-    parts = [
-        signal(part, pitch_mm, effects, tube_output(len(part), effects, rng)) for part in np.split(through, passages)
-    ]
-    return np.concatenate(parts)
+    return np.concatenate(
+        [signal(part, pitch_mm, effects, tube_output(len(part), effects, rng)) for part in np.split(through, passages)]
+    )

@@ -175,8 +175,7 @@ class Exposure:
         if self.saturated.any():
             bridged, left = PreparingMessage.SATURATED_FLATS_BRIDGED, PreparingMessage.SATURATED_FLATS
             message = bridged if (self.dead & self.saturated).any() else left
-            number = int(self.saturated.sum())
-            remarks.append(message(saturated=number, cells=self.dead.size, largest=self.largest))
+            remarks.append(message(saturated=int(self.saturated.sum()), cells=self.dead.size, largest=self.largest))
         elif saturated:
             remarks.append(PreparingMessage.SATURATED_SAMPLES(samples=saturated, largest=self.largest))
         return tuple(remarks)

@@ -263,10 +263,9 @@ def _common(values: FloatArray, present: Rows, fit: _ProfileFit, shifts: FloatAr
     there = np.where(np.isclose(at, below), inside[..., 1], inside.all(axis=2))
     weights, _ = row_shifts.cubic_weights(at - below)
     sampled = (weights * np.where(inside, levelled[view, clipped], 0.0)).sum(axis=2)
-    count = there.sum(axis=0)
     # Unlike the mean, the median of views that mostly share a position keeps the end of a body sharp.
     profile = np.ma.filled(np.ma.median(np.ma.masked_array(sampled, ~there), axis=0), 0.0)
-    return _Profile(profile, count >= max(1, len(values) // 2), origin)
+    return _Profile(profile, there.sum(axis=0) >= max(1, len(values) // 2), origin)
 
 
 def _along(rows: int) -> FloatArray:

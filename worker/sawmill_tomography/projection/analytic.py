@@ -63,7 +63,6 @@ class DetectorCells:
         if arc is None and not self.modules and not self.waves_mm:
             # The line of the frame, whose SDD and u_c are their own slopes.
             return self._with_tangents([[0.0, self.count, *to_vector(frame), 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]])
-        cells = 1 if arc is None else max(1, int(math.sqrt(8.0 * DEEPEST_MM * arc) / self.width_mm))
         lines = detector_lines(
             self.modules,
             arc,
@@ -71,7 +70,7 @@ class DetectorCells:
             self.first_border_mm,
             self.width_mm,
             frame,
-            piece_cells=cells,
+            piece_cells=1 if arc is None else max(1, int(math.sqrt(8.0 * DEEPEST_MM * arc) / self.width_mm)),
             waves_mm=self.waves_mm,
         )
         of_all = np.broadcast_to([frame.psi_rad, frame.source_distance_mm], (len(lines.first), 2))

@@ -93,16 +93,15 @@ def _chosen_weight(problem: PriorProblem, on_progress: OnProgress | None) -> Wei
     objective = Objective(support.projector, lines, weights_of(noises, lines.shape), prior)
     phases = Phases(on_progress, first_images=FIRST_IMAGES_COST, candidates=1.0)
     # Continuation leads to much the same image for all candidates: they all use the middle one's.
-    starts = first_images_of_folds(
-        objective.only(candidates.size // 2),
-        problem.first_images[0],
-        non_negative=non_negative,
-        on_progress=phases.of("first_images"),
-    )
     validation = cross_validate(
         objective,
         noises[0],
-        starts,
+        first_images_of_folds(
+            objective.only(candidates.size // 2),
+            problem.first_images[0],
+            non_negative=non_negative,
+            on_progress=phases.of("first_images"),
+        ),
         exponent=1.0,
         iterations=CANDIDATE_ITERATIONS,
         non_negative=non_negative,

@@ -117,8 +117,7 @@ def data_misfit(projector: Projector, images: Image, lines: Image, noise: FloatA
     """
     counted = (noise <= np.finfo(np.float32).max) & projector.crossing
     relative = (projector.forward(images) - lines) / np.where(counted, noise, math.inf).astype(np.float32)
-    squares = np.einsum("skm,skm->s", relative, relative, dtype=np.float64)
-    return np.asarray(np.sqrt(squares / counted.sum(axis=(1, 2))))
+    return np.asarray(np.sqrt(np.einsum("skm,skm->s", relative, relative, dtype=np.float64) / counted.sum(axis=(1, 2))))
 
 
 def misfit_cause(projector: Projector, image: Image, line: Image, noise: FloatArray, *, displaced: float) -> Reason:

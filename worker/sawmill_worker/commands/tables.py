@@ -42,14 +42,13 @@ def print_pairs(result: FixedPairsResult) -> None:
     table.add_column("")
     for number in range(1, len(result.pairs) + 1):
         table.add_column(f"pair {number}", justify="right")
-    units = {
+    for label, (name, unit) in {
         "angle, °": ("psi_rad", math.degrees(1.0)),
         "source to centre, mm": ("source_distance_mm", 1.0),
         "source to detector, mm": ("source_to_detector_mm", 1.0),
         "centre on the detector, mm": ("cor_column_mm", 1.0),
         "tilt, °": ("tilt_rad", math.degrees(1.0)),
-    }
-    for label, (name, unit) in units.items():
+    }.items():
         cells = []
         for pair in result.pairs:
             value, deviation = (getattr(part, name) for part in (pair.source_frame, pair.standard_deviation))
@@ -76,12 +75,11 @@ def print_drift(result: DriftResult) -> None:
     table = Table(title="Centre of rotation from a given geometry" if of_given else f"Drift: [bold {colour}]{word}[/]")
     for column in ("", "measured", "given" if of_given else "calibrated", "change", "± sd", "in sd"):
         table.add_column(column, justify="right" if column else "left")
-    units = {
+    for label, (name, unit) in {
         "COR on the detector, mm": ("cor_column_mm", 1.0),
         "tilt, °": ("tilt_rad", math.degrees(1.0)),
         "source to detector, mm (weakly seen)": ("source_to_detector_mm", 1.0),
-    }
-    for label, (name, unit) in units.items():
+    }.items():
         three = (result.measured, result.calibrated, result.change)
         measured, calibrated, change = (unit * getattr(part, name) for part in three)
         spread, significance = (getattr(part, name) for part in (result.change_standard_deviation, result.significance))
@@ -115,8 +113,7 @@ def print_budget(result: CalibrationResult) -> None:
     table = Table("source", *columns, title="Uncertainty budget", box=box.SIMPLE, padding=0)
     for label, cells in numbers.budget_rows(result):
         table.add_row(escape(label) if cells else f"[bold]{label}[/]", *cells)
-    notes = (f"- {note}" for note in numbers.budget_notes(result))
-    Console().print(table, *notes, sep="\n", highlight=False)
+    Console().print(table, *(f"- {note}" for note in numbers.budget_notes(result)), sep="\n", highlight=False)
 
 
 def print_repeatability(result: RepeatabilityResult) -> None:
@@ -273,11 +270,10 @@ def _indented(name: str, before: set[str]) -> str:
 def _what(part: FilePart) -> str:
     number = part.kind if part.count == 1 else f"{part.count} {part.kind}s, each"
     shape = "" if part.shape is None else " x ".join(map(str, part.shape)) or "one value"
-    unit = "" if part.unit is None else f"in {part.unit}"
     link = part.kind == PartKind.LINK
     leads_to = "" if part.leads_to is None else f"-> {part.leads_to}" if link else f"({part.leads_to})"
     kind = number if part.count > 1 or not (shape or link) else ""
-    return " ".join(filter(None, (kind, shape, part.type, unit, leads_to)))
+    return " ".join(filter(None, (kind, shape, part.type, "" if part.unit is None else f"in {part.unit}", leads_to)))
 
 
 def _reading_table(reading: InspectedReading) -> Table:
@@ -289,7 +285,7 @@ def _reading_table(reading: InspectedReading) -> Table:
     origin = "" if angles is None else f", from the file in {angles.file_unit}" if angles.from_file else ", as given"
     cells = ", ".join(str(module.first_cell) for module in reading.detector_modules)
     more = f" and {len(reading.other_files) - MOST_FILES} more" if len(reading.other_files) > MOST_FILES else ""
-    rows = {
+    for label, value in {
         "numbers": "not known" if reading.data is None else f"{reading.data.value}, as given",
         "projections": f"{shape.views} views x {shape.rows} rows x {shape.detector} cells",
         "flat fields": "none" if reading.flats is None else str(reading.flats),
@@ -300,8 +296,7 @@ def _reading_table(reading: InspectedReading) -> Table:
         "arc": f"of radius {radius_mm:.9g} mm" if (radius_mm := reading.detector_arc_radius_mm) else None,
         "row pitch": "none" if reading.row_pitch_mm is None else f"{reading.row_pitch_mm:.9g} mm",
         "other files": f"{', '.join(reading.other_files[:MOST_FILES])}{more}" if reading.other_files else None,
-    }
-    for label, value in rows.items():
+    }.items():
         if value is not None:
             table.add_row(label, escape(value))
     return table

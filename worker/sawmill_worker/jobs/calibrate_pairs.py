@@ -17,8 +17,7 @@ def run(attempt: MillAttempt) -> dict[str, Any]:
     scanner = PairedScanner(tuple(options.pairs))
     limits = FixedPairsOptions(**options.model_dump(include=set(FixedPairsOptions.model_fields)))
     sources = sources_of(attempt.given.files, scanner, options.data, uploaded=True)
-    found = calibrate_passages(sources, scanner, drawing_of(attempt), limits, attempt.report)
-    return found.model_dump(mode="json")
+    return calibrate_passages(sources, scanner, drawing_of(attempt), limits, attempt.report).model_dump(mode="json")
 
 
 def needs(_: MillAttempt) -> Needs:

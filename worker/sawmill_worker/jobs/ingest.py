@@ -21,7 +21,7 @@ def run(attempt: MillAttempt) -> dict[str, Any]:
     scan, constants = attempt.given.scan, attempt.scanner.constants
     assert scan is not None  # noqa: S101 - required by this kind of job
     attempt.report_stage(0.0, "read")
-    reading = reading_scan(
+    with reading_scan(
         attempt.file,
         counts=scan.data is DataKind.COUNTS,
         dataset=scan.dataset,
@@ -33,8 +33,7 @@ def run(attempt: MillAttempt) -> dict[str, Any]:
         transpose=scan.transpose,
         axes=scan.axes,
         free_bytes=memory_available(),
-    )
-    with reading as read:
+    ) as read:
         _, rows, detector = read.shape
         if detector != constants.num_detector_pixels:
             raise refused(

@@ -203,7 +203,6 @@ def _give_examples(operation: dict[str, Any], values: dict[str, Any]) -> None:
 
 def _example_request(path: str, method: str, operation: dict[str, Any]) -> ExampleRequest:
     parameters = [parameter for parameter in operation.get("parameters", []) if "example" in parameter]
-    query = {parameter["name"]: parameter["example"] for parameter in parameters if parameter["in"] == "query"}
     headers = {parameter["name"]: str(parameter["example"]) for parameter in parameters if parameter["in"] == "header"}
     for parameter in parameters:
         if parameter["in"] == "path":
@@ -215,7 +214,7 @@ def _example_request(path: str, method: str, operation: dict[str, Any]) -> Examp
         method=method.upper(),
         path=path,
         headers=headers,
-        query=query,
+        query={parameter["name"]: parameter["example"] for parameter in parameters if parameter["in"] == "query"},
         body=content[media_type].get("example") if media_type else None,
         body_file=operation.get("x-example-file"),
         media_type=media_type,

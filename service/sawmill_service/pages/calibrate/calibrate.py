@@ -158,10 +158,9 @@ def _started(store: Store, wake: TheWake, spec: ScanSpec, inspection_id: str) ->
 def _sentences(page: PageFrame, error: ValidationError) -> list[str]:
     """Return all complaints about the answers; for a missing answer, a request to give it."""
     missing = page.text.gettext("Answer every question: %(field)s is missing.")
-    complaints = [complaint(each) for each in error.errors()]
     return [
         missing % {"field": field} if message == "is required" else f"{field} {message}"
-        for field, message in complaints
+        for field, message in map(complaint, error.errors())
     ]
 
 

@@ -28,10 +28,9 @@ def changes_of(page: PageFrame, compared: Comparison | None) -> list[Row]:
     if compared is None:
         return []
     _, formats = page.text.gettext, page.formats
-    scale = compared.scale_change_percent
     return [
         Row(_("Rays"), formats.mm(compared.ray_change_mm)),
-        Row(_("Scale"), formats.percent(scale, signed=True)),
+        Row(_("Scale"), formats.percent(compared.scale_change_percent, signed=True)),
         Row(_("First angle"), formats.degrees(compared.angle_change_deg, signed=True)),
         Row(_("Centre of rotation on the detector"), formats.mm(compared.cor_column_change_mm, signed=True)),
         Row(_("Distance of the source"), formats.mm(compared.source_distance_change_mm, signed=True)),

@@ -63,14 +63,13 @@ def shown_pair(two: TwoQuestions, text: gettext.NullTranslations, formats: Forma
     """Return both questions with their answers, for a calibration or a plan."""
     rays, millimetres = two.rays, two.millimetres
     rays_sentence = rays.sentence(text.gettext, formats.mm)
-    lengths = millimetres.sentence(text.gettext, formats.log_mm, formats.share)
     return [
         _shown(text, rays.question, rays.answer, rays_sentence, rays.upper_95_mm, rays.limit_mm, formats.mm),
         _shown(
             text,
             millimetres.question,
             millimetres.answer,
-            lengths,
+            millimetres.sentence(text.gettext, formats.log_mm, formats.share),
             millimetres.percent_95,
             millimetres.limit_percent,
             formats.share,

@@ -247,7 +247,6 @@ def _answer(
     history = store.history.page(stored.id, kind=HistoryKind.ACTIVATION, limit=SHOWN_ENTRIES).items
     span = Span.until(now, days)
     movements, total = store.measurements.movements_of(stored.id, span.start, span.end)
-    activations = [(entry.subject_id, entry.at) for entry in history]
     together = store.drift_charts.of_scanner(stored.id).charts
     active = condition.active
     radius_mm = stored.log_radius_mm or (active.radius_mm if active else LARGEST_ASSUMED_LOG_RADIUS_MM)
@@ -264,7 +263,7 @@ def _answer(
         log=None if condition.newest is None else shown_log(store.files, condition.newest.id),
         chart=drift_chart(
             movements,
-            activations,
+            [(entry.subject_id, entry.at) for entry in history],
             span=span,
             tolerance_mm=stored.tolerances.ray_change_mm,
             total=total,

@@ -141,13 +141,12 @@ ForKiosk = Annotated[bool, Depends(_is_kiosk)]
 def today(page: ThePage, store: TheStore, times: TheStreamTimes, kiosk: ForKiosk) -> HTMLResponse:
     """Show the whole page; its script follows the events after the number that was read before the rows."""
     number = store.events.reader().number
-    kinds = " ".join(kind for kind in EventType.published() if kind not in _NOT_SHOWN)
     return page.answer(
         "today.html",
         board=_board(page, store, kiosk=kiosk),
         alarms=ALARMS,
         number=number,
-        kinds=kinds,
+        kinds=" ".join(kind for kind in EventType.published() if kind not in _NOT_SHOWN),
         lost_ms=round(1000 * times.lost_s),
         silent_ms=round(1000 * times.silent_s),
     )

@@ -39,11 +39,10 @@ class AuditFilter(DaySpan):
 
     def arguments(self) -> dict[str, Any]:
         """Return the selection as arguments for the audit."""
-        without = () if self.logins or self.action in _LOGINS else _LOGINS
         return {
             "who": self.who or None,
             "action": self.action or None,
-            "without": without,
+            "without": () if self.logins or self.action in _LOGINS else _LOGINS,
             "after": self.after or None,
             **self.bounds(),
         }

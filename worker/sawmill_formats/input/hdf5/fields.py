@@ -185,8 +185,7 @@ def chosen_views(dataset: h5py.Dataset, images: NDArray[np.intp]) -> Projections
 
     # Sources of a virtual dataset usually are a camera's images, which are read as a whole.
     chunks = (1, *dataset.shape[1:]) if dataset.is_virtual else dataset.chunks or (1, 1)
-    together = (chunks[0], chunks[1] if len(chunks) == 3 else 1)
-    return Projections((len(images), *dataset.shape[1:]), read, together)
+    return Projections((len(images), *dataset.shape[1:]), read, (chunks[0], chunks[1] if len(chunks) == 3 else 1))
 
 
 VIEWS = re.compile("angles?|theta|rotation_angle|views?|projections?|frames?|phi", re.IGNORECASE)

@@ -175,9 +175,8 @@ def reconstruct_with_prior(
             on_progress=on_descent,
         )
     misfit = data_misfit(problem.projector, minimum.images, lines, noises)
-    shape = minimum.images.shape if problem.is_block else minimum.images.shape[1:]
     return Estimate(
-        image=minimum.images.reshape(shape),
+        image=minimum.images.reshape(minimum.images.shape if problem.is_block else minimum.images.shape[1:]),
         iterations=minimum.iterations,
         converged=minimum.converged,
         parameters=settings.parameters,
