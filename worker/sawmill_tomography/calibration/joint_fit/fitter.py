@@ -88,8 +88,8 @@ FEWEST_VIEWS = 12
 # Effects of wood are first looked for in this number of views, and not where neighbouring cells of the residual have
 # products whose mean is within this number of standard deviations of 0.
 SCREENED_VIEWS, UNCORRELATED = 20, 1.0
-# Densities of patches stand in the place of modules, an arc or waves only where these gain less than this number of
-# times the patches, as a logarithm of the likelihood, and the densities more (benchmarks/families.py).
+# Densities of patches may stand in the place of modules, an arc or waves where these gain less than this number of
+# times the patches, as a logarithm of the likelihood (benchmarks/families.py).
 OF_A_PATCH = 1.0
 # Densities of the wood's patches are fitted where they explain more than this share of the structured residual.
 LEAST_EXPLAINED = 0.5
@@ -123,8 +123,7 @@ def fit_jointly(
         of_wood = JointFitter(prepared.by_noise, frozenset(without))
         of_wood.fit_all(on_step, varies=True)
         variance = max(fitter.variance, of_wood.variance)
-        gained = of_wood.likelihood(variance) - fitter.likelihood(variance)
-        fitter = of_wood if gained > fitter.least_of_patches else fitter
+        fitter = max(fitter, of_wood, key=lambda each: each.likelihood(variance))
     return fitter.result()
 
 
@@ -292,12 +291,8 @@ class JointFitter:
             bare = bare.resized(group, 0.0) if is_on_detector(group.one) and not declared else bare
         if bare is posterior or self.of_patches or self.left_out or Adjustment.WOOD_DENSITY in self.without:
             return False
-        return self.climb.weighed(posterior) - self.climb.weighed(bare) < self.least_of_patches
-
-    @property
-    def least_of_patches(self) -> float:
-        """The logarithm of the likelihood that the densities of all patches gain where they stand for cells."""
-        return OF_A_PATCH * len(wood_patches(self.model.drawing))
+        gained = self.climb.weighed(posterior) - self.climb.weighed(bare)
+        return gained < OF_A_PATCH * len(wood_patches(self.model.drawing))
 
     def likelihood(self, variance: float) -> float:
         """Return the logarithm of prior times marginal likelihood at the last step, with this variance of a sample."""
