@@ -211,7 +211,8 @@ def next_step(state: ScannerState) -> NextStep:
     """Return the next step with a scanner, which is also the next step with its newest calibration."""
     newest = state.newest
     if newest is None:
-        never = StepMessage.IMPORTED if state.imported else StepMessage.NEVER if state.scanned else StepMessage.NEW
+        uncalibrated = StepMessage.NEVER if state.scanned else StepMessage.NEW
+        never = StepMessage.IMPORTED if state.imported else uncalibrated
         return _step(never if state.failure is None else StepMessage.FAILED)
     red = _out_of_tolerance(state, newest)
     failed = None if state.failure is None else _step(StepMessage.FAILED_SINCE)

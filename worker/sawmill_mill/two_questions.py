@@ -184,6 +184,7 @@ class TwoQuestions:
         """
         predicted, status = result.predicted_ray_error_mm, result.status
         limits = result.limits or (None if tolerances is None else CalibrationLimits.of(tolerances))
+        failed = status is CalibrationStatus.NOT_CONVERGED
         return cls(
             RaysRight(
                 upper_95_mm=None if predicted is None else predicted.upper_95,
@@ -192,7 +193,7 @@ class TwoQuestions:
                 lost=None if predicted is None else predicted.contrast_loss,
             ),
             MillimetresRight(
-                percent_95=None if status is CalibrationStatus.NOT_CONVERGED else result.scale_uncertainty_percent,
+                percent_95=None if failed else result.scale_uncertainty_percent,
                 limit_percent=None if limits is None else limits.scale_tolerance_percent,
                 diameter_mm=2.0 * result.radius_mm,
                 contradicted=status is CalibrationStatus.INCONSISTENT_SCALE,

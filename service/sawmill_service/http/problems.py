@@ -129,17 +129,18 @@ def problem_response(
     headers: Mapping[str, str] | None = None,
 ) -> JSONResponse:
     """Shape one problem as a response."""
+    problem = Problem(
+        type=type_of(code),
+        title=title_of(code, status),
+        status=status,
+        detail=detail,
+        instance=path,
+        code=code,
+        errors=None if errors is None else list(errors),
+        request_id=get_contextvars().get("request_id"),
+    )
     return JSONResponse(
-        Problem(
-            type=type_of(code),
-            title=title_of(code, status),
-            status=status,
-            detail=detail,
-            instance=path,
-            code=code,
-            errors=None if errors is None else list(errors),
-            request_id=get_contextvars().get("request_id"),
-        ).model_dump(mode="json", by_alias=True, exclude_none=True),
+        problem.model_dump(mode="json", by_alias=True, exclude_none=True),
         status,
         headers=headers,
         media_type=MEDIA_TYPE,
@@ -179,7 +180,8 @@ def _field_problem(error: Mapping[str, Any], body: object) -> FieldProblem:
         # A rule about several parameters together names none.
         parameter = str(names[0]) if names else None
         return FieldProblem(location=location, message=message, in_=ProblemPlace(place), parameter=parameter)
-    pointer = "#" if error["type"] == "json_invalid" else _pointer(names, body, adds=error["type"] == "missing")
+    unread = error["type"] == "json_invalid"
+    pointer = "#" if unread else _pointer(names, body, adds=error["type"] == "missing")
     return FieldProblem(location=location, message=message, in_=ProblemPlace.BODY, pointer=pointer)
 
 

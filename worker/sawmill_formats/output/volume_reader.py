@@ -81,13 +81,14 @@ def _grid(file: h5py.File, shape: Shape) -> tuple[VolumeGrid, NDArray[np.float64
     """Read the positions of slices and pixels, and the height of each slice; None where slices have no spacing."""
     z_mm = own_hdf5.values_at(file, f"{layout.RECONSTRUCTION}/z", shape[:1])
     x_mm = own_hdf5.values_of(file, f"{layout.RECONSTRUCTION}/x", shape[1:2])
-    return VolumeGrid(
+    grid = VolumeGrid(
         shape=shape,
         pixel_mm=float(x_mm[1] - x_mm[0]),
         first_pixel_mm=(float(x_mm[0]), float(own_hdf5.values_of(file, f"{layout.RECONSTRUCTION}/y", shape[2:])[0])),
         first_height_mm=None if z_mm is None else float(z_mm[0]),
         spacing_mm=None if z_mm is None or len(z_mm) == 1 else float(z_mm[1] - z_mm[0]),
-    ), z_mm
+    )
+    return grid, z_mm
 
 
 def _values(file: h5py.File, name: str, shape: Shape) -> h5py.Dataset | None:

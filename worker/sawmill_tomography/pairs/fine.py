@@ -75,10 +75,11 @@ class Layout:
     @cached_property
     def starts(self) -> FloatArray:
         """Where frames, poses, their slopes, wood, corners, optics, views, fans, swings, patches begin, and the end."""
+        of_slopes = 3 * self.passages if self.sloped else 0
         lengths = (
             5 * self.pairs,
             3 * self.passages,
-            3 * self.passages if self.sloped else 0,
+            of_slopes,
             len(OF_WOOD),
             self.corners,
             OF_OPTICS * self.pairs,
@@ -489,7 +490,8 @@ class FineFit:
         unit = np.tile(SWING_MM / np.array([1.0, 1.0, self.board.radius_mm]), self.layout.pairs * self.layout.passages)
         left, seen = self._left(self.layout.part(SWINGS))
         swings = variation(left * np.outer(unit, unit), seen * unit, 1.0)
-        self.precision[self.layout.part(SWINGS)] = 1.0 / ((swings.largest if apart else swings.deviation) * unit) ** 2
+        likely = swings.largest if apart else swings.deviation
+        self.precision[self.layout.part(SWINGS)] = 1.0 / (likely * unit) ** 2
         return swings
 
     def _sheared(self, number: int, model: ScanModel) -> FloatArray:
@@ -502,7 +504,8 @@ class FineFit:
         changes = np.zeros((3, len(slopes), len(frame)))
         for passage, slope in enumerate(slopes[:, :2]):
             for place, along in enumerate((*np.eye(2), 0.5 * slope)):
-                change = mapped(frame, np.eye(2) - SHEAR_STEP * np.outer(slope, along), np.zeros(2)) - same
+                shear = np.eye(2) - SHEAR_STEP * np.outer(slope, along)
+                change = mapped(frame, shear, np.zeros(2)) - same
                 changes[place, passage] = np.array([math.remainder(change[0], TAU), *change[1:]]) / SHEAR_STEP
         pose = by_pose(self._poses(self.x, number), rows[0], rows[5:7])
         shifted = np.einsum("vp,pvc->vc", np.repeat(slopes, groups, axis=0), pose)
@@ -566,17 +569,19 @@ def _of_groups(rows: FloatArray, groups: int) -> FloatArray:
 
 def correlation(residuals: Sequence[FloatArray]) -> FloatArray:
     """Return what cells at distances of 0 to `LAGS` share beyond white noise, (lags + 1,), tapered by Bartlett."""
+    size = sum(one.size for one in residuals)
     power = [
         sum(float((one[:, lag:] * one[:, : one.shape[1] - lag]).sum()) for one in residuals) for lag in range(LAGS + 1)
     ]
-    shared = np.array(power) / sum(one.size for one in residuals)
+    shared = np.array(power) / size
     shared[0] = max(shared[0] - 1.0, 0.0)
     return np.asarray(shared * (1.0 - np.arange(LAGS + 1) / (LAGS + 1)))
 
 
 def _correlated(columns: FloatArray, shared: FloatArray) -> FloatArray:
     """Return what correlation adds to the products of columns (n, views, cells)."""
-    smooth = scipy.ndimage.correlate1d(columns, np.concatenate([shared[:0:-1], shared]), axis=2, mode="constant")
+    taps = np.concatenate([shared[:0:-1], shared])
+    smooth = scipy.ndimage.correlate1d(columns, taps, axis=2, mode="constant")
     product = smooth.reshape(len(columns), -1) @ columns.reshape(len(columns), -1).T
     return np.asarray(0.5 * (product + product.T))
 

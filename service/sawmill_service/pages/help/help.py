@@ -104,7 +104,8 @@ def _score(document: Document, section: Section, wanted: list[str]) -> float:
     own = sum(_OF_HEADING * (word in heading) + _of_text(text.count(word), len(text)) for word in wanted)
     phrase = _OF_PHRASE * bool(_phrase(wanted).search(f"{heading} {text}"))
     found = own and own + phrase + sum(_OF_TITLE * (word in title) for word in wanted)
-    return found * (_OF_TO_DO if document.path.startswith(_TO_DO) and all(word.isalpha() for word in wanted) else 1.0)
+    tells_what_to_do = document.path.startswith(_TO_DO) and all(word.isalpha() for word in wanted)
+    return found * (_OF_TO_DO if tells_what_to_do else 1.0)
 
 
 def _of_text(hits: int, letters: int) -> float:

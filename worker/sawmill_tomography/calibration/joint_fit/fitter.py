@@ -29,6 +29,7 @@ from sawmill_tomography.calibration.joint_fit.groups import (
     Posterior,
     first_cells_of,
     is_module,
+    is_motion,
     is_on_detector,
 )
 from sawmill_tomography.calibration.joint_fit.intensity_averaging import averaging
@@ -285,28 +286,26 @@ class JointFitter:
     @property
     def may_be_of_wood(self) -> bool:
         """Whether the densities of the wood's patches may explain more than what was found of the detector's cells."""
-        posterior = bare = self.last[1]
-        for group in posterior.sizes:
-            declared = group.one in self.declared_places or first_cells_of([group.one]) & self.known_modules
-            bare = bare.resized(group, 0.0) if is_on_detector(group.one) and not declared else bare
-        if bare is posterior or self.of_patches or self.left_out or Adjustment.WOOD_DENSITY in self.without:
+        posterior = self.last[1]
+        bare = posterior.without(self._is_found_on_detector)
+        same = bare.sizes == posterior.sizes
+        if same or self.of_patches or self.left_out or Adjustment.WOOD_DENSITY in self.without:
             return False
         gained = self.climb.weighed(posterior) - self.climb.weighed(bare)
         return gained < OF_A_PATCH * len(wood_patches(self.model.drawing))
 
+    def _is_found_on_detector(self, one: Fitted) -> bool:
+        declared = one in self.declared_places or not first_cells_of([one]).isdisjoint(self.known_modules)
+        return is_on_detector(one) and not declared
+
     def likelihood(self, variance: float) -> float:
         """Return the logarithm of prior times marginal likelihood at the last step, with this variance of a sample."""
         _, posterior, change, *_ = self.last
-        system, sizes = posterior.system, np.zeros(len(posterior.zero))
-        sizes[posterior.used] = posterior.mean
-        sizes -= change
-        sizes[posterior.base] = 0.0
+        system, sizes = posterior.system, posterior.change() - change
+        # The power of the residual where the columns of all groups are 0.
         power = system.power + float(sizes @ (system.score + posterior.zero))
-        return (
-            replace(posterior, variance=variance).log_likelihood
-            - 0.5 * power / variance
-            + (0.5 * system.patches.log_shrinkage if system.patches else 0.0)
-        )
+        of_patches = 0.0 if system.patches is None else system.patches.log_shrinkage
+        return replace(posterior, variance=variance).log_likelihood - 0.5 * (power / variance - of_patches)
 
     @property
     def _within_drawing(self) -> bool:
@@ -423,9 +422,7 @@ class JointFitter:
         of_cells = [group for group in groups if is_on_detector(group.one)]
         modules = [group for group in of_cells if is_module(group.one)]
         starts = [modules, *([group] for group in of_cells if group not in modules)]
-        bare = posterior.still
-        for group in bare.sizes:
-            bare = bare.resized(group, 0.0) if is_on_detector(group.one) else bare
+        bare = posterior.without(is_motion).without(is_on_detector)
         for some in starts if most else ():
             if all(group in best.sizes for group in some):
                 continue

@@ -6,7 +6,7 @@ eigenvalues of what the other columns leave of the group (docs/understand/verdic
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -261,10 +261,9 @@ class Posterior:
         sizes = {one: before for one, before in self.sizes.items() if one is not group}
         return replace(self, sizes=sizes | {group: size} if size else sizes)
 
-    @property
-    def still(self) -> "Posterior":
-        """The posterior without motions."""
-        return replace(self, sizes={group: size for group, size in self.sizes.items() if not is_motion(group.one)})
+    def without(self, out: Callable[[Fitted], bool]) -> "Posterior":
+        """Return the posterior without the groups of some effects."""
+        return replace(self, sizes={group: size for group, size in self.sizes.items() if not out(group.one)})
 
     def change(self) -> FloatArray:
         """Return the change of all columns from the point, to which groups that are not fitted go back."""

@@ -129,7 +129,7 @@ class MotionSets:
         current, climb = self.current, self._climb
         if not self._are_suspected:
             return [current]
-        still = current.still
+        still = current.without(is_motion)
         found: dict[frozenset[Group], Posterior] = {}
 
         def explore(start: Posterior, barred: Collection[Group] = ()) -> None:
@@ -198,10 +198,7 @@ class MotionSets:
                 self._placed.append(Group.of(one, model))
         system = point.grams.system(columns)
         # The groups' sizes at the point where the derivatives were taken.
-        sizes = np.zeros(len(columns))
-        sizes[last.used] = last.mean
-        sizes[: len(point.change)] -= point.change
-        sizes[last.base] = 0.0
+        sizes = np.pad(last.change() - point.change, (0, len(columns) - len(point.change)))
         return replace(last, system=system, zero=system.score + system.normal @ sizes)
 
     def _pursued(self) -> list[int]:

@@ -364,11 +364,6 @@ class ViewGrams:
         precisions = precision * np.eye(count) + float(np.trace(normal)) * np.ones((count, count))
         return scaled_inverse(normal + precisions), whole.score[-count:] - precisions @ self._densities
 
-    def _log_shrinkage(self, whole: "System", inverse: FloatArray) -> float:
-        count, precision = len(inverse), self._density_precision
-        of_mean = math.log1p(count * float(np.trace(whole.normal[-count:, -count:])) / precision)
-        return float(np.linalg.slogdet(inverse)[1]) + count * math.log(precision) + of_mean
-
     def system(self, columns: Sequence[Column]) -> "System":
         """Compute the normal equations of these columns, the densities of patches eliminated (`vary_densities`)."""
         if not self._density_precision:
@@ -386,7 +381,7 @@ class ViewGrams:
             max(whole.power - explained, 0.0),
             max(whole.structured - explained, UNTRUSTED * whole.structured),
             whole.samples,
-            Patches(whole, densities, taken, inverse, self._log_shrinkage(whole, inverse)),
+            Patches(whole, densities, taken, inverse, self._density_precision),
         )
 
     def _system(self, columns: Sequence[Column]) -> "System":
@@ -478,7 +473,14 @@ class Patches:
     change: FloatArray  # (patches,): the best change of the densities where nothing else changes
     taken: FloatArray  # (patches, n): how much less it is for each unit of change of the system's columns
     inverse: FloatArray  # (patches, patches): covariance next to these columns, in variances of a sample
-    log_shrinkage: float  # logarithm of the determinant of that covariance times the prior's precision
+    precision: float  # precision of a density that the prior gives, likewise
+
+    @property
+    def log_shrinkage(self) -> float:
+        """Logarithm of the determinant of that covariance times the prior's precision (`ViewGrams`)."""
+        count = len(self.inverse)
+        of_mean = math.log1p(count * float(np.trace(self.whole.normal[-count:, -count:])) / self.precision)
+        return float(np.linalg.slogdet(self.inverse)[1]) + count * math.log(self.precision) + of_mean
 
 
 @dataclass(frozen=True, eq=False)
