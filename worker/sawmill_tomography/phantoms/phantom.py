@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sawmill_tomography.geometry.geometry import TAU, FloatArray, rotate
 from sawmill_vocabulary import STANDARD_SIZE_TOLERANCE, Disc, Polygon, Shape
 
-__all__ = ["Disc", "Phantom", "PhantomError", "Polygon", "Shape"]
+__all__ = ["Body", "Disc", "Phantom", "PhantomError", "Polygon", "Shape"]
 
 
 # A polygon of this number of corners is a disc to 0.05 % of the radius.
@@ -37,6 +37,16 @@ def signed_area(vertices: FloatArray) -> float:
     """Return the area inside a polygon's corners (corners, 2), mm^2; negative where they go round clockwise."""
     x, y = (vertices - vertices[:1]).T
     return 0.5 * float(x[:-1] @ y[1:] - x[1:] @ y[:-1])
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """What a projection needs of a phantom."""
+
+    name: str
+    edges: FloatArray  # (edges, 5), as `Phantom.edges`
+    discs: FloatArray  # (discs, 4), as `Phantom.discs`
+    radius_mm: float
 
 
 @dataclass(frozen=True)

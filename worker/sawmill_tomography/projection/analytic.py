@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from sawmill_tomography.geometry.detector_shape import detector_lines
 from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, Scanner, SourceFrame, to_vector
-from sawmill_tomography.phantoms.phantom import Phantom
+from sawmill_tomography.phantoms.phantom import Body, Phantom
 from sawmill_tomography.projection import _analytic_numba as kernels
 from sawmill_vocabulary import DetectorModule
 
@@ -90,7 +90,7 @@ def clears(phantom_radius_mm: float, frame: SourceFrame) -> bool:
     return frame.source_distance_mm * math.cos(frame.tilt_rad) > 1.02 * phantom_radius_mm
 
 
-def _check(phantom: Phantom, frame: SourceFrame, position_mm: Position) -> None:
+def _check(phantom: Phantom | Body, frame: SourceFrame, position_mm: Position) -> None:
     reach = phantom.radius_mm + float(np.hypot(*np.transpose(position_mm)).max(initial=0.0))
     if not clears(reach, frame):
         raise GeometryError(
@@ -100,7 +100,7 @@ def _check(phantom: Phantom, frame: SourceFrame, position_mm: Position) -> None:
 
 
 def project(
-    phantom: Phantom,
+    phantom: Phantom | Body,
     cells: DetectorCells,
     frame: SourceFrame,
     angles_rad: FloatArray,
@@ -157,7 +157,7 @@ def blur_taps(width_cells: float) -> FloatArray:
 
 
 def gram(
-    phantom: Phantom,
+    phantom: Phantom | Body,
     cells: DetectorCells,
     frame: SourceFrame,
     angles_rad: FloatArray,
@@ -181,7 +181,7 @@ def gram(
 
 
 def kernel_arguments(
-    phantom: Phantom,
+    phantom: Phantom | Body,
     cells: DetectorCells,
     frame: SourceFrame,
     angles_rad: FloatArray,

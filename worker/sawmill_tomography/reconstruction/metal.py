@@ -15,6 +15,7 @@ departs from an image of the other rays.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -73,7 +74,6 @@ class MetalFinder:
 
     fine: Projector  # projectors of all views, and of every `step`-th view
     coarse: Projector
-    seen: Image  # (size, size) float32: length of the coarse rays in each pixel
     step: int
 
     @classmethod
@@ -86,13 +86,22 @@ class MetalFinder:
             return None
         size = math.ceil(2.0 * radius / max(PIXEL_MM, geometry.cell_at_cor_mm))
         grid = ImageGrid(min(max(size, SMALLEST_SIZE), LARGEST_SIZE), 2.0 * radius)
-        coarse = Projector(geometry.at(slice(None, None, step)), grid)
-        seen = coarse.adjoint(np.ones(coarse.geometry.sinogram_shape, np.float32))
-        return cls(Projector(geometry, grid), coarse, seen, step)
+        return cls(Projector(geometry, grid), Projector(geometry.at(slice(None, None, step)), grid), step)
+
+    @cached_property
+    def seen(self) -> Image:
+        """Length of the coarse rays in each pixel, (size, size)."""
+        return self.coarse.adjoint(np.ones(self.coarse.geometry.sinogram_shape, np.float32))
 
     def in_views(self, dark: Sequence[NDArray[np.bool_]], share: float) -> NDArray[np.bool_]:
         """Return the pixels (slices, size, size) that are dark in this share of the views that see them."""
-        return (self.coarse.adjoint(np.stack(dark)) >= share * self.seen) & (self.seen > 0.0)
+        found = np.zeros((len(dark), self.coarse.grid.size, self.coarse.grid.size), bool)
+        # A pixel of a scanner that sees half of the log is seen in half of the views.
+        busy = [number for number, one in enumerate(dark) if one.any(axis=1).mean() >= 0.5 * share]
+        if busy:
+            of_dark = self.coarse.adjoint(np.stack([dark[number] for number in busy]))
+            found[busy] = (of_dark >= share * self.seen) & (self.seen > 0.0)
+        return found
 
     def bodies(self, shadows: Sequence[Shadows], before: Image | None = None) -> Image:
         """Return the attenuation of metal above the wood's, (slices, size, size), 0 where there is no metal.

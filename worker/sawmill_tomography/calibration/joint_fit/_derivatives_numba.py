@@ -424,3 +424,41 @@ def largest_power(scores, information, diagonal, blocks):
                     power += total * total
             largest = max(largest, power)
     return largest
+
+
+@njit(cache=True, fastmath=_FAST, error_model="numpy")
+def evidences(information, score, begins, places, unit, tempered, sizes):
+    """Return the logarithm of the likelihood of each size of groups against 0, (groups, sizes).
+
+    information (n, n), score (n,) : what other columns leave, which count by `tempered` (groups,)
+    begins : (groups + 1,) where the columns of each group begin in places (columns,) and unit (columns,)
+    sizes : (groups, sizes) standard deviations of a group's columns, in their units
+    """
+    found, most = np.empty(sizes.shape), 0
+    for g in range(sizes.shape[0]):
+        most = max(most, begins[g + 1] - begins[g])
+    own, root, solved = np.empty((most, most)), np.empty((most, most)), np.empty(most)
+    for g in range(sizes.shape[0]):
+        first, width = begins[g], begins[g + 1] - begins[g]
+        for i in range(width):
+            for j in range(i + 1):
+                both = unit[first + i] * unit[first + j]
+                own[i, j] = tempered[g] * both * information[places[first + i], places[first + j]]
+        for n in range(sizes.shape[1]):
+            square, total = sizes[g, n] * sizes[g, n], 0.0
+            # Cholesky's factor of 1 + square * own, whose pivots are at least 1 but for rounding.
+            for i in range(width):
+                at = tempered[g] * unit[first + i] * score[places[first + i]]
+                for j in range(i + 1):
+                    left = square * own[i, j]
+                    for k in range(j):
+                        left -= root[i, k] * root[j, k]
+                    if j < i:
+                        root[i, j] = left / root[j, j]
+                        at -= root[i, j] * solved[j]
+                    else:
+                        root[i, i] = math.sqrt(max(1.0 + left, 1.0))
+                solved[i] = at / root[i, i]
+                total += 0.5 * square * solved[i] * solved[i] - math.log(root[i, i])
+            found[g, n] = total
+    return found

@@ -4,16 +4,13 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sawmill_tomography.calibration.joint_fit.groups import (
-    SIZES,
     STRUCTURES,
-    Fitted,
     Group,
+    GroupColumns,
     Posterior,
     is_module,
-    log_evidence,
 )
 from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel
 from sawmill_tomography.calibration.joint_fit.selection import EffectTester
@@ -27,8 +24,7 @@ class Climb:
 
     model: ScanModel
     structured: float  # the part of the residual's power that neighbouring cells share
-    scatter: dict[Fitted, float]  # how much more than noise the scores of effects scatter from view to view
-    _alike: dict[tuple[Group, ...], list["_Alike"]] = field(default_factory=dict, init=False)
+    _columns: dict[tuple[Group, ...], GroupColumns] = field(default_factory=dict, init=False)
 
     def to(self, posterior: Posterior, groups: Sequence[Group], most: int, barred: Collection[Group] = ()) -> Posterior:
         """Return the posterior after the best changes of one size at a time; at most `most` groups join."""
@@ -54,7 +50,7 @@ class Climb:
                 if not size:
                     out.add(group)
                 continue
-            self.scatter[group.one] = scatter_of(posterior, group)
+            posterior.scatter[group] = scatter_of(posterior, group)
             evidence = self.evidence(posterior, group)
             then = posterior.resized(group, float(group.sizes[int(evidence.argmax())]))
             own = [then.used.index(place) for place in group.one.places]
@@ -84,52 +80,19 @@ class Climb:
 
     def evidences(self, posterior: Posterior, groups: Sequence[Group]) -> FloatArray:
         """Return the evidence (groups, SIZES) of groups that are not fitted, as `evidence` does."""
-        if (every := tuple(groups)) not in self._alike:
-            self._alike[every] = [_Alike.of(every, width) for width in {len(group.unit) for group in every}]
-        found, (information, score) = np.empty((len(every), SIZES)), posterior.left_of_all
-        for some in self._alike[every]:
-            scatter = np.array([self.scatter.get(group.one, 1.0) for group in some.groups])
-            tempered = posterior.variance / np.maximum(posterior.variance * scatter, self.structured / some.shares)
-            places, unit = some.places, some.unit
-            within = information[places[:, :, None], places[:, None]] * unit[:, :, None] * unit[:, None]
-            own = tempered[:, None] * score[places] * unit
-            found[some.numbers] = log_evidence(tempered[:, None, None] * within, own, some.sizes, some.log_odds)
-        return found
+        if (every := tuple(groups)) not in self._columns:
+            self._columns[every] = GroupColumns.of(every)
+        scatter = np.array([posterior.scatter.get(group, 1.0) for group in every])
+        shares = np.array([group.shares for group in every])
+        tempered = posterior.variance / np.maximum(posterior.variance * scatter, self.structured / shares)
+        return self._columns[every].evidences(*posterior.left_of_all, tempered)
 
     def evidence(self, posterior: Posterior, group: Group) -> FloatArray:
         """Return a group's evidence against the largest of three variances."""
-        variance = max(posterior.variance * self.scatter.get(group.one, 1.0), self.structured / group.shares)
+        variance = max(posterior.variance * posterior.scatter.get(group, 1.0), self.structured / group.shares)
         information, score = posterior.left(group)
         tempered = posterior.variance / variance
         return group.evidence(tempered * information, tempered * score)
-
-
-@dataclass(frozen=True, eq=False)
-class _Alike:
-    """Groups of one number of columns, w, one after another (g,)."""
-
-    groups: list[Group]
-    numbers: list[int]  # among all groups
-    places: NDArray[np.intp]  # (g, w)
-    unit: FloatArray  # (g, w)
-    sizes: FloatArray  # (g, SIZES)
-    log_odds: FloatArray  # (g, 1): of any size
-    shares: FloatArray  # (g,)
-
-    @classmethod
-    def of(cls, every: Sequence[Group], width: int) -> "_Alike":
-        """Return those of some groups that have this number of columns."""
-        numbers = [number for number, group in enumerate(every) if len(group.unit) == width]
-        groups = [every[number] for number in numbers]
-        return cls(
-            groups,
-            numbers,
-            np.array([group.one.places for group in groups]),
-            np.stack([group.unit for group in groups]),
-            np.stack([group.sizes for group in groups]),
-            np.array([[group.log_odds] for group in groups]),
-            np.array([group.shares for group in groups]),
-        )
 
 
 def scatter_of(posterior: Posterior, group: Group) -> float:

@@ -6,6 +6,7 @@ those that are fitted (`groups.py`); the ends of several climbs are the sets of 
 """
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
+from copy import copy
 from dataclasses import replace
 from itertools import accumulate, chain, compress, pairwise
 
@@ -97,8 +98,6 @@ LEAST_EXPLAINED = 0.5
 # Noise and modules change the sinogram by at least this share (RMS): rounding errors of a scan without noise are no
 # effects. A gap of a tenth of a cell in the middle of the shadow makes up 0.0008.
 ROUNDING = 2e-4
-# Borders between modules move in the rounds before this one.
-LATEST_MOVE = 9
 # A module is likelier beforehand than another effect: its limit of chance is this much larger (benchmarks/families.py).
 MODULE_TRIALS = 0.1
 # A detector may hide one module, and further ones: the first number where the scan shows none, and the second where it
@@ -119,12 +118,16 @@ def fit_jointly(
     Effects of real wood, and a density of each patch of it, are fitted where they are beyond chance.
     """
     fitter = JointFitter(prepared.by_noise, frozenset(without))
-    fitter.fit_all(on_step)
+    fitter.begin(on_step)
+    of_wood = fitter.copied()
+    fitter.go_on(on_step)
     if fitter.may_be_of_wood:
-        of_wood = JointFitter(prepared.by_noise, frozenset(without))
-        of_wood.fit_all(on_step, varies=True)
-        variance = max(fitter.variance, of_wood.variance)
-        fitter = max(fitter, of_wood, key=lambda each: each.likelihood(variance))
+        of_wood.widen(patches=True)
+        # Where the wood varies, its patches are likelier by far after the first step (benchmarks/families.py).
+        of_wood.fit(on_step, 1)
+        if of_wood.is_likelier(fitter):
+            of_wood.end(on_step)
+            fitter = of_wood if of_wood.is_likelier(fitter) else fitter
     return fitter.result()
 
 
@@ -184,6 +187,7 @@ class JointFitter:
         self.declared_places = [*compress(self._places_of_cells(), (cells.arc_radius_mm is not None, cells.waves_mm))]
         self.waiting += [*(self._of_module(module, 1.0) for module in cells.modules), *self.declared_places]
         self.unneeded: set[int] = set()
+        self.begun: set[int] = set()
         self.searched: tuple[ViewGrams, list[int], ModuleSearch] | None = None
         self.placed: tuple[ScanModel, dict[DetectorModule, ModulePlaces]] = self.model, {}
         self.fitted: list[Fitted] = []
@@ -191,9 +195,8 @@ class JointFitter:
             self.fitted.append(Fitted(known.effect, known.effect.columns(self.model)))
             self.fitted[-1].sizes = known.sizes
             self.waiting = [one for one in self.waiting if one.effect.columns is not known.effect.columns]
-        # The sizes of the fitted groups' priors, and how much more than noise the scores of effects scatter.
+        # The sizes of the fitted groups' priors.
         self.size_of = {one: float(Group.of(one, self.model).sizes[-1]) for one in self.fitted}
-        self.scatter: dict[Fitted, float] = {}
         self.averaging = prepared.averaging
         self.angle_variance, self.variance, self.converged = 0.0, 0.0, False
         self.correlation = 0.0
@@ -207,14 +210,29 @@ class JointFitter:
             if effect.adjustment not in self.left_out and (columns := effect.columns(self.model))
         ]
 
-    def fit_all(self, on_step: OnStep, *, varies: bool = False) -> None:
-        """Fit until no other set of motions is likelier; with `varies` the densities of patches too, shown or not."""
+    def begin(self, on_step: OnStep) -> None:
+        """Take the first steps, without the densities of patches.
+
+        Other effects explain the wood until its patches are fitted, and leave again. Earlier, patches would explain
+        motions (benchmarks/families.py), and what modules leave before their borders have moved.
+        """
         if self.left_out:
             self.find_poses(on_step)
-        # Other effects explain the wood until its patches are fitted, and leave again. Earlier, patches would explain
-        # motions (benchmarks/families.py), and in these rounds what modules leave before their borders have moved.
         self.fit(on_step, 2 * EARLY)
-        varies = varies or (not self.ended and not self.found_modules and self.shows_varying_density())
+
+    def copied(self) -> "JointFitter":
+        """Return a fit that goes on from here by itself."""
+        other, own = copy(self), {one: copy(one) for one in (*self.fitted, *self.waiting, *self.declared_places)}
+        other.fitted, other.waiting, other.declared_places = (
+            [own[one] for one in some] for some in (self.fitted, self.waiting, self.declared_places)
+        )
+        other.size_of = {own[one]: size for one, size in self.size_of.items()}
+        other.begun, other.unneeded = set(self.begun), set(self.unneeded)
+        return other
+
+    def go_on(self, on_step: OnStep) -> None:
+        """Fit to the end, with the effects of wood and the densities of patches where the scan shows them."""
+        varies = not self.found_modules and self.shows_varying_density()
         if not varies:
             self.fit(on_step)
             self.go_over(on_step, 1)
@@ -224,11 +242,15 @@ class JointFitter:
             varies = self.shows_varying_density()
         if varies:
             self.widen(patches=True)
+        self.end(on_step)
+
+    def end(self, on_step: OnStep) -> None:
+        """Fit until no other set of motions is likelier."""
+        self.fit(on_step)
+        if self.of_patches and self.left_out:
+            # Wood of one density may have taken the other of two likely rolls.
+            self.find_poses(on_step)
             self.fit(on_step)
-            if self.left_out:
-                # Wood of one density may have taken the other of two likely rolls.
-                self.find_poses(on_step)
-                self.fit(on_step)
         self.go_over(on_step, 1 if self.of_patches else OTHER_SETS)
 
     def find_poses(self, on_step: OnStep) -> None:
@@ -298,7 +320,12 @@ class JointFitter:
         declared = one in self.declared_places or not first_cells_of([one]).isdisjoint(self.known_modules)
         return is_on_detector(one) and not declared
 
-    def likelihood(self, variance: float) -> float:
+    def is_likelier(self, other: "JointFitter") -> bool:
+        """Return whether this fit is likelier than another at the last steps of both, for the larger variance."""
+        variance = max(self.variance, other.variance)
+        return self._likelihood(variance) > other._likelihood(variance)  # noqa: SLF001 - its own class
+
+    def _likelihood(self, variance: float) -> float:
         """Return the logarithm of prior times marginal likelihood at the last step, with this variance of a sample."""
         _, posterior, change, *_ = self.last
         system, sizes = posterior.system, posterior.change() - change
@@ -347,7 +374,7 @@ class JointFitter:
         """Return the sets of motions at the last step, which are searched once for each step."""
         _, posterior, change, grams, _ = self.last
         if self.sets is None or self.sets.current.sizes is not posterior.sizes:
-            climb = Climb(self.model, self.climb.structured, self.scatter)
+            climb = Climb(self.model, self.climb.structured)
             self.sets = MotionSets(
                 FitPoint(climb, grams, posterior, self.groups, change, self.without, self._within_drawing)
             )
@@ -399,7 +426,8 @@ class JointFitter:
             return True
         if share < 1.0 or not small or not same or more:
             return False
-        self.converged = self._settled(system, change) and not self._moved_borders(grams, penalised, posterior.used)
+        settled = self._settled(system, change, grams.weights)
+        self.converged = settled and not self._moved_borders(grams, penalised, posterior.used)
         return self.converged
 
     def _chosen(
@@ -413,8 +441,8 @@ class JointFitter:
         structured = max(system.structured - (system.power - remaining), self._least_structured(system))
         fitted = {group: self.size_of[group.one] for group in groups if group.one in self.size_of}
         posterior = Posterior(system, system.score + system.normal @ sizes, noise, list(range(free)), fitted)
-        self.scatter = {each.one: scatter_of(posterior.resized(each, 0.0), each) for each in posterior.sizes}
-        self.climb = climb = Climb(self.model, structured, self.scatter)
+        posterior.scatter.update({each: scatter_of(posterior.resized(each, 0.0), each) for each in fitted})
+        self.climb = climb = Climb(self.model, structured)
         most = MOST_JOINING if self.rounds <= JOINING else 0
         out = [group for group in groups if group.one in self.gone]
         best = climb.to(posterior, groups, most, out)
@@ -683,18 +711,22 @@ class JointFitter:
         self.size_of[again] = self.size_of.pop(one)
 
     def _moved_borders(self, grams: ViewGrams, system: System, used: list[int]) -> bool:
-        """Move the border of a found module to the likeliest place; return whether one has moved."""
-        if self.rounds >= LATEST_MOVE:
+        """Move the border of a found module to the likeliest place, if it has never been there.
+
+        Return whether one has moved.
+        """
+        if self.rounds >= ROUNDS:
             return False
         for one, module in self.found_modules:
+            self.begun.add(module.first_cell)
             places = self._places_of(module, grams, system, used)
-            if places and (best := places.best)[0].first_cell != module.first_cell:
+            if places and (best := places.best)[0].first_cell not in self.begun:
                 found, model, _ = best
                 self._move(one, model, DetectorModule(found.first_cell, found.gap_mm, found.kink_rad))
                 return True
         return False
 
-    def _settled(self, system: System, change: FloatArray) -> bool:
+    def _settled(self, system: System, change: FloatArray, weights: FloatArray) -> bool:
         """Return whether effects are possible, all scatter is fitted, averaging follows; else change the model."""
         if self._dropped_impossible(self.fitted):
             return False
@@ -704,7 +736,11 @@ class JointFitter:
                 return False
         if self.averaging is None or not (self.fitted or self.left_out):
             return True
-        self.model, self.averaging = _with_new_averaging(self.model, self.averaging)[0], None
+        then, averaging = _with_new_averaging(self.model, self.averaging)
+        # What the averaging changes may be within the noise.
+        if float((weights * (averaging - self.averaging) ** 2).sum()) <= self.variance:
+            return True
+        self.model, self.averaging = then, None
         return False
 
     def _dropped_impossible(self, effects: Iterable[Fitted]) -> bool:

@@ -11,8 +11,10 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sawmill_tomography.calibration.covariance import pseudo_inverse, scaled_inverse, unit_scale
+from sawmill_tomography.calibration.joint_fit._derivatives_numba import evidences
 from sawmill_tomography.calibration.joint_fit.effects import Effect
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column, System
 from sawmill_tomography.calibration.joint_fit.scan_model import (
@@ -166,21 +168,40 @@ class Group:
 
     def evidence(self, information: FloatArray, score: FloatArray) -> FloatArray:
         """Return the logarithm of odds times likelihood of each size against 0, from what others leave of the group."""
-        return log_evidence(information, score, self.sizes, self.log_odds)
+        width = len(score)
+        begins, one = np.array([0, width]), np.ones(width)
+        likelihood = evidences(information, score, begins, np.arange(width), one, one[:1], self.sizes[None])[0]
+        return np.asarray(self.log_odds - math.log(SIZES) + likelihood)
 
 
-def log_evidence(
-    information: FloatArray, score: FloatArray, sizes: FloatArray, log_odds: FloatArray | float
-) -> FloatArray:
-    """Return the evidence (..., SIZES) of groups of w columns, as `Group.evidence` does.
+@dataclass(frozen=True, eq=False)
+class GroupColumns:
+    """The columns of groups (g), one after another (c)."""
 
-    `information` (..., w, w), `score` (..., w), `sizes` (..., SIZES), `log_odds` (..., 1) of any size.
-    """
-    values, vectors = np.linalg.eigh(information)
-    square, s = (score[..., None, :] @ vectors) ** 2, sizes[..., None] ** 2
-    more = s * np.maximum(values, 0.0)[..., None, :]
-    likelihood = 0.5 * (s * square / (1.0 + more) - np.log1p(more)).sum(axis=-1)
-    return np.asarray(log_odds - math.log(SIZES) + likelihood)
+    begins: NDArray[np.intp]  # (g + 1,): where those of each group begin
+    places: NDArray[np.intp]  # (c,)
+    unit: FloatArray  # (c,)
+    sizes: FloatArray  # (g, SIZES)
+    log_odds: FloatArray  # (g,): of any size
+
+    @classmethod
+    def of(cls, groups: Sequence[Group]) -> "GroupColumns":
+        """Return the columns of groups."""
+        return cls(
+            np.cumsum([0, *(len(group.unit) for group in groups)]),
+            np.array([place for group in groups for place in group.one.places], np.intp),
+            np.concatenate([np.empty(0), *(group.unit for group in groups)]),
+            np.array([group.sizes for group in groups]).reshape(-1, SIZES),
+            np.array([group.log_odds for group in groups]),
+        )
+
+    def evidences(self, information: FloatArray, score: FloatArray, tempered: FloatArray) -> FloatArray:
+        """Return the evidence (g, SIZES) of the groups, as `Group.evidence` does.
+
+        Of all columns' information (n, n) and score (n,) those of each group count by `tempered` (g,).
+        """
+        likelihood = evidences(information, score, self.begins, self.places, self.unit, tempered, self.sizes)
+        return np.asarray(self.log_odds[:, None] - math.log(SIZES) + likelihood)
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,6 +213,8 @@ class Posterior:
     variance: float
     base: list[int]
     sizes: dict[Group, float]  # groups that are fitted
+    # How much more than noise the scores of groups scatter from view to view, next to these, where that is known.
+    scatter: dict[Group, float] = field(default_factory=dict)
 
     @cached_property
     def used(self) -> list[int]:
@@ -259,11 +282,12 @@ class Posterior:
     def resized(self, group: Group, size: float) -> "Posterior":
         """Return the posterior with another size of a group."""
         sizes = {one: before for one, before in self.sizes.items() if one is not group}
-        return replace(self, sizes=sizes | {group: size} if size else sizes)
+        return replace(self, sizes=sizes | {group: size} if size else sizes, scatter=dict(self.scatter))
 
     def without(self, out: Callable[[Fitted], bool]) -> "Posterior":
         """Return the posterior without the groups of some effects."""
-        return replace(self, sizes={group: size for group, size in self.sizes.items() if not out(group.one)})
+        sizes = {group: size for group, size in self.sizes.items() if not out(group.one)}
+        return replace(self, sizes=sizes, scatter=dict(self.scatter))
 
     def change(self) -> FloatArray:
         """Return the change of all columns from the point, to which groups that are not fitted go back."""

@@ -8,7 +8,7 @@ import numpy as np
 from sawmill_tomography.calibration.joint_fit.finding import AdjustedFit, EffectFinding
 from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.geometry.geometry import FloatArray, SourceFrame
-from sawmill_tomography.phantoms.phantom import Phantom
+from sawmill_tomography.phantoms.phantom import Body, Phantom
 from sawmill_tomography.projection import analytic
 from sawmill_tomography.projection.analytic import Position
 from sawmill_vocabulary import Adjustment
@@ -35,7 +35,7 @@ def _adjust(plain: AdjustedFit) -> AdjustedFit:
 
 
 def averaging(
-    phantom: Phantom,
+    phantom: Phantom | Body,
     data: SinogramData,
     frame: SourceFrame,
     *,

@@ -171,7 +171,7 @@ class MotionSets:
         suspected = -math.log(SIZES)
         for group, evidence in zip(motions, climb.evidences(here, motions), strict=True):
             if evidence.max() > suspected:
-                climb.scatter.setdefault(group.one, scatter_of(here, group))
+                here.scatter.setdefault(group, scatter_of(here, group))
                 if climb.evidence(here, group).max() > suspected:
                     return True
         return False

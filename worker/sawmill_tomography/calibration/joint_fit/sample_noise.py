@@ -14,6 +14,9 @@ LEVELS, ENOUGH = 8, 50
 # Noise is measured on about MEASURED samples. A variance counts as at least the share LEAST_NOISE of the mean: air may
 # be free of noise.
 MEASURED, LEAST_NOISE = 20_000, 0.05
+# The standard deviation of the logarithm of a variance times the square root of the number of differences: 2.33 for the
+# median of independent ones.
+OF_LOG = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,17 +37,17 @@ def sample_noise(data: SinogramData, residual: FloatArray, model: FloatArray) ->
     views = slice(None, None, max(1, residual.size // MEASURED))
     steps, values = np.abs(np.diff(residual[views], axis=1)), model[views, 1:]
     at = ((values - low) * per_level).astype(np.uint8)
-    level_means, variance = [], []
+    level_means, variance, counts = [], [], []
     for one in range(LEVELS):
         here = (at == one) & (steps > 0.0)
         if np.count_nonzero(here) >= min(ENOUGH, max(1, int(np.count_nonzero(steps)) // LEVELS)):
             level_means.append(float(values[here].mean()))
             variance.append(0.5 * (DEVIATION_OF_MEDIAN * float(np.median(steps[here]))) ** 2)
+            counts.append(np.count_nonzero(here))
     if not level_means:  # an exact scan has no noise
         weights = np.ones_like(residual) if data.weights is None else data.weights
         return SampleNoise(np.zeros_like(residual), weights)
-    # For photons the logarithm of the variance is a straight line of the line integral.
-    of_sample = np.interp(model, level_means, np.log(variance))
+    of_sample = np.interp(model, level_means, _smooth(np.array(level_means), np.log(variance), np.array(counts)))
     np.exp(of_sample, out=of_sample)
     weights = np.maximum(of_sample, LEAST_NOISE * float(of_sample.mean()))
     np.divide(1.0, weights, out=weights)
@@ -52,3 +55,17 @@ def sample_noise(data: SinogramData, residual: FloatArray, model: FloatArray) ->
         weights *= data.weights
     weights *= np.count_nonzero(weights) / weights.sum()
     return SampleNoise(of_sample, weights)
+
+
+def _smooth(means: FloatArray, logs: FloatArray, counts: FloatArray) -> FloatArray:
+    """Return the logarithms (levels,) of variances, drawn to a straight line of the line integral.
+
+    They keep what they scatter more than their errors. For photons the line's slope is 1, and less where the
+    electronics add noise.
+    """
+    if len(means) < 3:
+        return logs
+    errors = OF_LOG / np.sqrt(counts)
+    line = np.polyval(np.polyfit(means, logs, 1, w=1.0 / errors), means)
+    excess = max(float(((logs - line) ** 2 - errors**2).mean()), 0.0)
+    return np.asarray(line + (logs - line) * excess / (excess + errors**2))

@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import islice
 
 import numpy as np
@@ -21,7 +21,7 @@ from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.geometry.detector_shape import wave_shapes
 from sawmill_tomography.geometry.fit_parameters import FRAME, FitParameter
 from sawmill_tomography.geometry.geometry import TAU, FloatArray, SourceFrame
-from sawmill_tomography.phantoms.phantom import Phantom, Polygon, Shape
+from sawmill_tomography.phantoms.phantom import Body, Phantom, Polygon, Shape
 from sawmill_tomography.projection import analytic
 from sawmill_tomography.projection.analytic import DetectorCells
 from sawmill_tomography.sinograms.scattered_radiation import halo
@@ -174,9 +174,20 @@ class ScanModel:
         return SourceFrame.from_vector(self.x[FRAME])
 
     @cached_property
-    def phantom(self) -> Phantom:
+    def phantom(self) -> Phantom | Body:
+        """The drawing with the model's rounded corners, skins, deformations and patches of other density."""
+        wood = self._wood
+        if not any(map(is_of_patch, self.sizes)):
+            return wood
+        edges, begins = self.patch_edges
+        densities = np.repeat([self.size(term) for term in self.patch_terms], np.diff(begins))
+        patches = np.column_stack([edges[:, :4], edges[:, 4] * densities])
+        return Body(wood.name, np.concatenate([wood.edges, patches]), wood.discs, wood.radius_mm)
+
+    @cached_property
+    def _wood(self) -> Phantom:
         """The drawing with the model's rounded corners, skins and deformations."""
-        return self._warped((*self._rounded, *self._skins, *self._denser_patches))
+        return self._warped((*self._rounded, *self._skins))
 
     @property
     def _rounded(self) -> tuple[Shape, ...]:
@@ -194,18 +205,6 @@ class ScanModel:
         )
 
     @property
-    def _denser_patches(self) -> tuple[Shape, ...]:
-        """Shapes that make the wood denser in patches, before deformations."""
-        if not any(map(is_of_patch, self.sizes)):
-            return ()
-        return tuple(
-            replace(shape, density=self.size(term) * shape.density)
-            for term, shapes in zip(self.patch_terms, wood_patches(self.drawing), strict=True)
-            if self.size(term)
-            for shape in shapes
-        )
-
-    @property
     def patch_terms(self) -> tuple[int, ...]:
         """The terms of the wood's patches."""
         return tuple(term_of(Series.PATCH, number) for number in range(len(wood_patches(self.drawing))))
@@ -213,16 +212,16 @@ class ScanModel:
     @property
     def patch_edges(self) -> tuple[FloatArray, NDArray[np.intp]]:
         """Edges (edges, 5) of all patches one after another, and where each begins and the last ends (patches + 1,)."""
-        patches = wood_patches(self.drawing)
-        body = self._warped([shape for shapes in patches for shape in shapes])
-        corners = iter([len(shape.vertices_mm) for shape in body.shapes if isinstance(shape, Polygon)])
-        return body.edges, np.cumsum([0, *(sum(islice(corners, len(shapes))) for shapes in patches)])
+        return _patch_edges(self.drawing, *self._warp())
 
     def _warped(self, shapes: Sequence[Shape], more: Term | None = None, by_mm: float = 0.0) -> Phantom:
         """Return a body of these shapes with the model's deformations, one of `WARPS` being larger by `by_mm`."""
-        *bow, taper_x, taper_y = (self.size(term) + (by_mm if term is more else 0.0) for term in WARPS)
-        deformed = replace(self.drawing, shapes=tuple(shapes)).deformed(self.size(Term.ASPECT), self.size(Term.SHEAR))
-        return deformed.warped((bow[0], bow[1]), (taper_x, taper_y), self.drawing.radius_mm)
+        return _warped(self.drawing, shapes, *self._warp(more, by_mm))
+
+    def _warp(self, more: Term | None = None, by_mm: float = 0.0) -> tuple[float, ...]:
+        """Return aspect and shear, and the sizes of `WARPS`, one of which is larger by `by_mm`."""
+        warps = (self.size(term) + (by_mm if term is more else 0.0) for term in WARPS)
+        return self.size(Term.ASPECT), self.size(Term.SHEAR), *warps
 
     @cached_property
     def clears(self) -> bool:
@@ -248,9 +247,8 @@ class ScanModel:
 
         What patches of another density change in the derivatives is smaller than a step's own error.
         """
-        patched = any(map(is_of_patch, self.sizes))
         return analytic.kernel_arguments(
-            self._warped((*self._rounded, *self._skins)) if patched else self.phantom,
+            self._wood,
             self.data.cells,
             self.frame,
             self.data.angles_rad + self.pose[:, 0],
@@ -312,7 +310,7 @@ class ScanModel:
         factor: FloatArray = from_foot / (sdd * math.cos(frame.tilt_rad))
         return u, factor
 
-    def project(self, body: Phantom, *, turned: float = 0.0, derivatives: bool = False) -> FloatArray:
+    def project(self, body: Phantom | Body, *, turned: float = 0.0, derivatives: bool = False) -> FloatArray:
         """Compute `analytic.project` for a body in the phantom's pose."""
         return analytic.project(
             body,
@@ -524,7 +522,9 @@ class ScanModel:
         cross = (weights * (shape - centre) * target).sum(axis=1, keepdims=True)
         seen = power > 1e-9 * power.max()
         gain = np.where(seen, cross / np.where(seen, power, 1.0), self.gain)
-        return replace(self, gain=gain, offset=level - gain * centre, view_gain=True)
+        other = replace(self, gain=gain, offset=level - gain * centre, view_gain=True)
+        vars(other)["lengths"] = self.lengths
+        return other
 
     def moved(self, scalars: Mapping[int, float], pose: FloatArray) -> "ScanModel":
         """Return the model with these changes of x, gain, offset, sizes and modules, and of the pose of each view."""
@@ -555,6 +555,20 @@ class ScanModel:
         if any(is_of_detector(term) and not is_of_module(term) for term in scalars):
             data = replace(data, cells=_reshaped(data.cells, scalars))
         return replace(self, x=x, gain=gain, offset=offset, sizes=sizes, pose=self.pose + pose, data=data)
+
+
+def _warped(drawing: Phantom, shapes: Sequence[Shape], aspect: float, shear: float, *warps: float) -> Phantom:
+    body = replace(drawing, shapes=tuple(shapes)).deformed(aspect, shear)
+    return body.warped((warps[0], warps[1]), (warps[2], warps[3]), drawing.radius_mm)
+
+
+# Most models of a fit have the same deformations.
+@lru_cache(maxsize=4)
+def _patch_edges(drawing: Phantom, *warp: float) -> tuple[FloatArray, NDArray[np.intp]]:
+    patches = wood_patches(drawing)
+    body = _warped(drawing, [shape for shapes in patches for shape in shapes], *warp)
+    corners = iter([len(shape.vertices_mm) for shape in body.shapes if isinstance(shape, Polygon)])
+    return body.edges, np.cumsum([0, *(sum(islice(corners, len(shapes))) for shapes in patches)])
 
 
 def _reshaped(cells: DetectorCells, changes: Mapping[int, float]) -> DetectorCells:
