@@ -12,6 +12,7 @@ from sawmill_tomography.calibration.calibrate import calibrate
 from sawmill_tomography.calibration.joint_fit.effects import harmonics, in_the_laboratory
 from sawmill_tomography.calibration.joint_fit.modules import FEWEST_CELLS, ModuleSearch, with_modules
 from sawmill_tomography.calibration.joint_fit.normal_equations import WIDER, Column, ViewGrams
+from sawmill_tomography.calibration.joint_fit.sample_noise import sample_noise
 from sawmill_tomography.calibration.joint_fit.scan_model import WARPS, ScanModel, Series, Term, is_of_patch, term_of
 from sawmill_tomography.calibration.joint_fit.selection import EffectTester
 from sawmill_tomography.calibration.joint_fit.wood_patches import wood_patches
@@ -255,3 +256,18 @@ def test_unknowns_of_each_view_are_eliminated_from_its_derivatives(steps, precis
     of_rest = np.einsum("pkm,km->kp", weighted[2:], rest)
     taken = np.einsum("kp,kp->", of_rest, np.linalg.solve(of_view[:, 2:, 2:], of_rest[..., None])[..., 0])
     assert grams.power == pytest.approx(power - taken, rel=1e-9)
+
+
+@pytest.mark.parametrize(("views", "electronics", "most"), [(12, 0.0, 0.05), (180, 0.5, 0.06)])
+def test_samples_weigh_by_photon_noise_and_by_other_noise_that_many_samples_show(views, electronics, most):
+    """Eight levels that are each measured alone are 0.065 off (RMS of the logarithm) in 12 views."""
+    off = []
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        half_width = rng.uniform(0.3, 0.5, (views, 1))
+        lines = 2.4 * np.sqrt(np.maximum(1.0 - (np.linspace(-1.0, 1.0, 768) / half_width) ** 2, 0.0))
+        variance = 1e-4 * np.exp(lines + electronics * np.maximum(lines - 1.2, 0.0))
+        data = SinogramData(lines, np.zeros(views), DetectorCells(-1.0, 1.0, 768))
+        noise = np.sqrt(variance) * rng.standard_normal(lines.shape)
+        off.append(float(np.log(sample_noise(data, noise, lines).weights * variance).std()))
+    assert np.mean(off) < most
