@@ -81,14 +81,15 @@ def _metal(phantom: Phantom, data: SinogramData, fit: Fit) -> PhantomMetal | Non
     finder = MetalFinder.of(fan, radius_mm)
     if finder is None:
         return None
-    residual = _residual(phantom, data, fit)
+    residual = _residual(phantom, data.every(finder.step), fit)
     wood_per_mm = fit.gain * max(shape.density for shape in phantom.shapes)
     least = max(LEAST_WOOD_MM * wood_per_mm, LEAST_NOISE * robust_deviation(residual) / math.sqrt(3.0))
     shadows = Shadows(np.maximum(smoothed(residual), 0.0), least, wood_per_mm)
-    body = finder.bodies([replace(shadows, excess=shadows.excess[:: finder.step])])[0]
+    body = finder.bodies([shadows])[0]
     if not body.any():
         return None
-    samples: Samples = finder.traced(shadows, body)
+    residual = _residual(phantom, data, fit)
+    samples: Samples = finder.traced(replace(shadows, excess=np.maximum(smoothed(residual), 0.0)), body)
     while True:  # neighbours that metal blurs into
         wider = scipy.ndimage.maximum_filter1d(samples, 3, axis=1)
         edge = residual[wider & ~samples]
