@@ -16,8 +16,12 @@ SLIPS: frozenset[str] = frozenset(
     {
         EffectMessage.SLIP,
         EffectMessage.PHANTOM_CREEP,
+        EffectMessage.PHANTOM_SETTLES,
+        EffectMessage.PHANTOM_UNSTEADY,
         EffectMessage.SCANNER_JUMP,
         EffectMessage.SCANNER_CREEP,
+        EffectMessage.WARMS_UP,
+        EffectMessage.SCANNER_UNSTEADY,
         CalibrationMessage.PHANTOM_SLIPPED,
         CalibrationMessage.PHANTOM_SLIPPED_OR_DRAWN,
         CalibrationMessage.PHANTOM_OR_LOG_MOVED,

@@ -82,6 +82,16 @@ class EffectMessage(Message):
         N_("Source, turntable or detector come to rest during the scan, after %(scanner_creep_mm).2g mm."),
         N_("Let the scanner warm up, look at what carries source and detector, and repeat the scan."),
     )
+    PHANTOM_UNSTEADY = (
+        "phantom-unsteady",
+        N_("The phantom moves unsteadily during the scan, by %(unsteady_mm).2g mm."),
+        N_("Fasten the phantom on the turntable, and repeat the scan."),
+    )
+    SCANNER_UNSTEADY = (
+        "scanner-unsteady",
+        N_("Source, turntable or detector move unsteadily during the scan, by %(scanner_creep_mm).2g mm."),
+        N_("Let the scanner warm up, look at what carries source and detector, and repeat the scan."),
+    )
     ENCODER_LOW = (
         "encoder-once-and-twice",
         N_(

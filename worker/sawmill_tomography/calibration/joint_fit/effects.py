@@ -30,6 +30,8 @@ _USUAL = {1: "once", 2: "twice", 3: "three times", 4: "four times"}
 _RARE = {0.5: "half a time", 1.5: "1.5 times", 2.5: "2.5 times", 5: "five times", 6: "six times"}
 # Shares of the scan in which phantom or scanner come to rest.
 REST = (0.1, 0.2, 0.4)
+# The largest number of waves in time of a motion of any shape; there are at most a third as many as views.
+WAVES = 8
 
 
 @dataclass(frozen=True)
@@ -117,6 +119,18 @@ def _coming_to_rest(share: float) -> tuple[Effect, Effect]:
             trials=float(len(REST)),
         ),
     )
+
+
+def _waves(model: ScanModel) -> list[FloatArray]:
+    """Return waves in time, (views,) each, whose sizes fall with their number as those of a random walk do."""
+    at = math.pi * (progress(model) + 0.5)
+    waves = (np.cos(number * at) / number for number in range(1, min(WAVES, len(at) // 3) + 1))
+    return [wave - wave.mean() for wave in waves]
+
+
+def _span_mm(model: ScanModel, sizes: FloatArray) -> float:
+    """Return twice the largest distance from the mean of a motion with these sizes, x and y of each wave."""
+    return 2.0 * float(np.hypot(*(sizes.reshape(-1, 2).T @ _waves(model))).max())
 
 
 def _shows(move_mm: Callable[[ScanModel, FloatArray], float]) -> Callable[[ScanModel, FloatArray], bool]:
@@ -207,6 +221,19 @@ EFFECTS: tuple[Effect, ...] = (
     *(_wobble(order, times) for order, times in _USUAL.items()),
     *(_wobble(order, times, 2.0 * len(_RARE)) for order, times in _RARE.items()),
     *(effect for share in REST for effect in _coming_to_rest(share)),
+    # Phantom or scanner move in any other way.
+    Effect(
+        Adjustment.CREEP,
+        lambda model: of_position(_waves(model)),
+        lambda model, sizes: EffectMessage.PHANTOM_UNSTEADY(unsteady_mm=_span_mm(model, sizes)),
+        trials=2.0 * len(_RARE),
+    ),
+    Effect(
+        Adjustment.CREEP,
+        lambda model: in_the_laboratory(model, _waves(model)),
+        lambda model, sizes: EffectMessage.SCANNER_UNSTEADY(scanner_creep_mm=_span_mm(model, sizes)),
+        trials=2.0 * len(_RARE),
+    ),
 )
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sawmill_tomography.calibration.covariance import pseudo_inverse
 from sawmill_tomography.calibration.joint_fit.climb import Climb, scatter_of
-from sawmill_tomography.calibration.joint_fit.effects import DEFORMATION, Effect
+from sawmill_tomography.calibration.joint_fit.effects import DEFORMATION, WAVES, Effect
 from sawmill_tomography.calibration.joint_fit.groups import (
     SIZES,
     STRUCTURES,
@@ -37,11 +37,12 @@ MOST_SLIPS = 3
 # (benchmarks/families.py).
 UNSTEADY = 3.0
 # Motions of which one kind is looked at first, and their numbers of columns: slips of the phantom, jumps of the
-# scanner, motions that go on from the first view to the last, and motions that turn with the table.
+# scanner, motions that go on from the first view to the last, those of any shape, and those that turn with the table.
 STARTS = (
     ({Adjustment.SLIP}, {3}),
     ({Adjustment.SLIP}, {2}),
     ({Adjustment.CREEP, Adjustment.PACE}, {1, 2}),
+    ({Adjustment.CREEP}, {*range(4, 2 * WAVES + 1)}),
     ({Adjustment.WOBBLE, Adjustment.ENCODER}, {4}),
 )
 

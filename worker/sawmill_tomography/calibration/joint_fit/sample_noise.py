@@ -14,9 +14,6 @@ LEVELS, ENOUGH = 8, 50
 # Noise is measured on about MEASURED samples. A variance counts as at least the share LEAST_NOISE of the mean: air may
 # be free of noise.
 MEASURED, LEAST_NOISE = 20_000, 0.05
-# The standard deviation of the logarithm of a variance times the square root of the number of differences: 2.33 for the
-# median of independent ones.
-OF_LOG = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +62,8 @@ def _smooth(means: FloatArray, logs: FloatArray, counts: FloatArray) -> FloatArr
     """
     if len(means) < 3:
         return logs
-    errors = OF_LOG / np.sqrt(counts)
+    # The logarithm of twice the square of a median of n differences has about this standard deviation.
+    errors = 2.0 / np.sqrt(counts)
     line = np.polyval(np.polyfit(means, logs, 1, w=1.0 / errors), means)
     excess = max(float(((logs - line) ** 2 - errors**2).mean()), 0.0)
     return np.asarray(line + (logs - line) * excess / (excess + errors**2))
