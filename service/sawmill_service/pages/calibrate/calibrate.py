@@ -146,7 +146,7 @@ def choose_dataset(page: ThePage, store: TheStore, wake: TheWake, form: TheForm)
 
 def _started(store: Store, wake: TheWake, spec: ScanSpec, inspection_id: str) -> CalibrationUnfinished:
     received = store.inspections.received_again(inspection_id)
-    with store.as_one():
+    with store.database.write_as_one():
         scan = store.scans.accept(spec, received)
         calibration = store.calibrations.accept(CalibrationRequest(scan_id=scan.id))
     for job_id in (scan.job_id, calibration.job_id):
