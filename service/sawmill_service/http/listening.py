@@ -138,8 +138,3 @@ class RefusedAccepts(logging.Filter):
             return False
         self._next = record.created + _SAME_LINE_S
         return True
-
-
-def log_refused_accepts_rarely() -> None:
-    """Keep connections that nobody uses from filling the log with those that cannot be accepted."""
-    logging.getLogger("asyncio").addFilter(RefusedAccepts())
