@@ -19,7 +19,7 @@ from sawmill_contracts.reconstructions import ReconstructionResult
 from sawmill_contracts.scans import Scan, ScanShape
 from sawmill_formats.errors import damage_reported
 from sawmill_mill.next_step import NextStep
-from sawmill_platform.errors import NotFound
+from sawmill_platform.errors import if_found
 from sawmill_service.http.problems import Refused
 from sawmill_store.calibrations import Reconstructions
 from sawmill_store.mill_files import MillFiles
@@ -99,9 +99,8 @@ def shown_log(files: MillFiles, calibration_id: str) -> ShownLog | None:
     from sawmill_formats.output.calibration_file import read_arrays
     from sawmill_vocabulary.calibration_arrays import log_before_with
 
-    try:
-        path = files.result(kinds.CALIBRATE, calibration_id, "result.h5")
-    except NotFound:
+    path = if_found(files.result, kinds.CALIBRATE, calibration_id, "result.h5")
+    if path is None:
         return None
     arrays = read_arrays(path, "log_row", "log_before", "log_before_with")
     if "log_row" not in arrays:
@@ -190,14 +189,6 @@ def check_slice(result: ReconstructionResult, index: int) -> None:
     slices = result.shape[0]
     if index >= slices:
         raise Refused(404, "slice-not-found", f"index must be below {slices}, the slices, not {index}")
-
-
-def scan_if_kept(scans: Scans, scan_id: str) -> Scan | None:
-    """Return a scan from which something was made; None where the scan was deleted since."""
-    try:
-        return scans.get(scan_id)
-    except NotFound:
-        return None
 
 
 def ready_scan(scans: Scans, scan_id: str) -> tuple[Scan, ScanShape]:

@@ -1,5 +1,6 @@
 """The API, its workers and the schedule on one machine, which run until the process is stopped."""
 
+import logging
 import signal
 import threading
 from collections.abc import Callable
@@ -21,7 +22,7 @@ from sawmill_platform.workers.supervise import WorkerSupervisor
 from sawmill_service.app import create_app
 from sawmill_service.dependencies import Wake
 from sawmill_service.http.bodies.sent_content import UnreadBodies
-from sawmill_service.http.listening import ListenError, connections_of, is_loopback, listen, log_refused_accepts_rarely
+from sawmill_service.http.listening import ListenError, RefusedAccepts, connections_of, is_loopback, listen
 from sawmill_service.http.responses.drawn import return_freed_memory
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.stopping import Server, ServiceManager
@@ -77,7 +78,7 @@ def serve_until_stopped(
         The address or the port cannot be used.
     """
     configure_logs(execution.log_format)
-    log_refused_accepts_rarely()
+    logging.getLogger("asyncio").addFilter(RefusedAccepts())
     return_freed_memory()
     for number in _SIGNALS:
         signal.signal(number, _end_start)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from small_scanner import reconstruction_input
 
-from sawmill_calibration.checkpoints import NothingKept
+from sawmill_calibration.checkpoints import Keeper
 from sawmill_calibration.reconstruction.reconstruct import reconstruct_in_memory, run_reconstruction
 from sawmill_contracts.reconstructions import ReconstructionOptions
 from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, GeometryError, Scanner, Theta
@@ -115,7 +115,7 @@ def test_coupled_rows_of_a_region_help_each_other(truth):
 
 @pytest.mark.nightly
 def test_an_attempt_that_goes_on_takes_the_weight_that_was_chosen(tmp_path):
-    class Kept(NothingKept):
+    class Kept(Keeper):
         has_begun = True
         settings = None
 

@@ -19,6 +19,7 @@ from sawmill_service.app import create_app
 from sawmill_service.pages.system.system import ACTIONS
 from sawmill_service.retention import KINDS
 from sawmill_store.mill_tables import CalibrationRow, ReconstructionRow
+from sawmill_store.retention.retention_store import RetentionKeeper
 from sawmill_vocabulary import Progress
 
 # Thousands of steps of SQLite's machine, which are as many on every computer, and rows that become objects.
@@ -187,7 +188,7 @@ def test_rules_are_tried_confirmed_and_carried_out_and_a_wrong_one_is_refused(se
     check_documented(put)
     assert (put.json()["rules"]["drifts_days"], put.json()["changed_by"]) == (30, "somebody at this machine")
     assert seeded.get("/v1/retention/preview").json()["rules"] == shown["rules"], "those in force"
-    assert store.retention_keeper().remove_some().kind == "drifts"
+    assert RetentionKeeper(store.database, store.files).remove_some().kind == "drifts"
     assert seeded.get("/v1/drifts/example").status_code == 404
     [removed] = [each for each in seeded.get("/v1/retention").json()["removed"] if each["number"]]
     assert (removed["kind"], removed["number"]) == ("drifts", 1)

@@ -235,7 +235,7 @@ def test_a_place_is_free_when_a_job_starts_and_not_taken_from_one_that_comes_bac
 
 def test_a_scan_and_its_calibration_get_places_together_or_neither(store, plan, upload):
     def both():
-        with store.as_one():
+        with store.database.write_as_one():
             store.calibrations.accept(CalibrationRequest(scan_id=upload(store).id))
 
     with acting_as(SOMEBODY):

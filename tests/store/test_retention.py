@@ -23,6 +23,7 @@ from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.database.tables import JobRow
 from sawmill_platform.errors import Conflict, NotFound
 from sawmill_store.mill_tables import ReconstructionRow
+from sawmill_store.retention.retention_store import RetentionKeeper
 from sawmill_store.store import Store
 
 # All kinds, after a day; what protects needs no rule of its own.
@@ -60,7 +61,7 @@ def put(store, rules):
 
 def carried_out(store):
     """What a keeper removes that starts now, by kind."""
-    keeper = store.retention_keeper()
+    keeper = RetentionKeeper(store.database, store.files)
     gone: dict[RetentionKind, int] = {}
     for _ in range(1000):
         removed = keeper.remove_some()
@@ -363,7 +364,7 @@ def test_a_kill_between_rows_and_files_leaves_what_leftovers_remove(mill, settin
     if not child:
         own = Store(settings, clock=clock)
         with at_call("os.rename", lambda _: os.kill(os.getpid(), signal.SIGKILL), below=own.files.folder):
-            own.retention_keeper().remove_some()
+            RetentionKeeper(own.database, own.files).remove_some()
         os.abort()
     assert os.WTERMSIG(os.waitpid(child, 0)[1]) == signal.SIGKILL
     places = [mill.files.results(kinds.INGEST, old), mill.files.upload(kinds.INGEST, old).parent]

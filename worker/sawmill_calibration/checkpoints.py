@@ -1,7 +1,7 @@
 """Saved progress of a long computation, from which the next attempt continues if the computation is interrupted."""
 
 from collections.abc import Mapping
-from typing import Any, Protocol
+from typing import Any
 
 from numpy.typing import NDArray
 
@@ -10,36 +10,28 @@ Arrays = Mapping[str, NDArray[Any]]
 MadeWith = Mapping[str, object]
 
 
-class Keeper(Protocol):
-    """A store of progress, as arrays under names, which also holds the progress of an earlier attempt."""
+class Keeper:
+    """A store of progress, as arrays under names, which also holds the progress of an earlier attempt.
+
+    This one keeps nothing, for commands and Python users, who start again themselves.
+    """
 
     @property
     def has_begun(self) -> bool:
         """True if progress is worth keeping."""
+        return False
 
     @property
     def is_due(self) -> bool:
         """True if it is time to keep progress."""
+        return False
 
     def keep(self, name: str, arrays: Arrays, made_with: MadeWith | None = None) -> None:
         """Keep arrays in place of earlier ones of this name, with the choices that `kept` must ask for again."""
 
-    def kept(self, name: str, made_with: MadeWith | None = None) -> Arrays | None:
+    def kept(self, name: str, made_with: MadeWith | None = None) -> Arrays | None:  # noqa: ARG002 - for others
         """Return what an earlier attempt kept; None if nothing is of the same input, options and version."""
-
-
-class NothingKept:
-    """A keeper that keeps nothing, for commands and Python users, who start again themselves."""
-
-    has_begun = False
-    is_due = False
-
-    def keep(self, name: str, arrays: Arrays, made_with: MadeWith | None = None) -> None:
-        """Drop the progress."""
-
-    def kept(self, name: str, made_with: MadeWith | None = None) -> Arrays | None:  # noqa: ARG002 - a `Keeper`'s
-        """Return None."""
         return None
 
 
-NOTHING_KEPT = NothingKept()
+NOTHING_KEPT = Keeper()

@@ -3,7 +3,6 @@
 Work that does not fit into the free memory or on the disk is refused before it begins.
 """
 
-import math
 import resource
 import shutil
 from collections.abc import Iterator
@@ -176,26 +175,14 @@ def check_memory(needed_bytes: int, available_bytes: int) -> None:
         )
 
 
-def check_disk(folder: Path, shape: tuple[int, int, int], needed_bytes: int) -> None:
-    """Refuse a volume (slice, x, y) that does not fit on the disk of a folder: `disk-full`."""
-    slices, size_x, size_y = shape
-    remedy = "ask for fewer rows or a smaller size"
-    _check_free(folder, f"a volume of {slices} x {size_x} x {size_y}", needed_bytes, remedy)
-
-
-def check_disk_for_scan(folder: Path, shape: tuple[int, int, int]) -> None:
-    """Refuse a scan (views, rows, detector) that does not fit on the disk of a folder: `disk-full`."""
-    views, rows, cells = shape
-    _check_free(folder, f"a scan of {views} x {rows} x {cells}", 4 * math.prod(shape), "give fewer rows")
-
-
-def _check_free(folder: Path, what: str, needed_bytes: int, remedy: str) -> None:
+def check_disk(folder: Path, what: str, shape: tuple[int, int, int], needed_bytes: int, remedy: str) -> None:
+    """Refuse a volume (slice, x, y) or a scan (views, rows, detector) too large for a folder's disk: `disk-full`."""
     disk = shutil.disk_usage(folder)
     if needed_bytes > disk.free:
         # A job that fits on the empty disk is tried again later; a job that never fits must be changed by the user.
         raise JobFailure(
             FailureKind.PASSING if needed_bytes <= disk.total else FailureKind.INPUT,
             "disk-full",
-            f"{what} needs up to {needed_bytes / GIGABYTE:.3g} GB and {disk.free / GIGABYTE:.3g} GB are free in "
-            f"{folder}: make room, or {remedy}",
+            f"{what} of {' x '.join(map(str, shape))} needs up to {needed_bytes / GIGABYTE:.3g} GB and "
+            f"{disk.free / GIGABYTE:.3g} GB are free in {folder}: make room, or {remedy}",
         )

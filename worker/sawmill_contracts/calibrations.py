@@ -20,6 +20,7 @@ from sawmill_contracts.choices import (
     Weighting,
 )
 from sawmill_contracts.geometry import (
+    COVARIANCE_EXAMPLE,
     Covariance,
     PositiveMm,
     ReportedSourceFrame,
@@ -382,15 +383,7 @@ class FoundGeometry(Contract):
         description="Covariance of (psi_rad, source_distance_mm, source_to_detector_mm, cor_column_mm, tilt_rad), in "
         "the products of their units; the row of a parameter that the scan does not determine is zero. Null without "
         "error bars.",
-        examples=[
-            [
-                [1e-08, 0, 0, 0, 0],
-                [0, 0.04, 0.07, 0, 0],
-                [0, 0.07, 0.12, 0, 0],
-                [0, 0, 0, 0.0004, 1e-07],
-                [0, 0, 0, 1e-07, 4e-08],
-            ]
-        ],
+        examples=[COVARIANCE_EXAMPLE],
     )
     theta_covariance: Covariance | None = Field(
         None,

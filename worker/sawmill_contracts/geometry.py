@@ -27,6 +27,14 @@ def _check_square(rows: list[list[float]]) -> list[list[float]]:
 
 
 Covariance = Annotated[list[list[float]], AfterValidator(_check_square)]
+# Of (psi, R, SDD, u_c, tau) in rad and mm.
+COVARIANCE_EXAMPLE = [
+    [1e-08, 0, 0, 0, 0],
+    [0, 0.04, 0.07, 0, 0],
+    [0, 0.07, 0.12, 0, 0],
+    [0, 0, 0, 0.0004, 1e-07],
+    [0, 0, 0, 1e-07, 4e-08],
+]
 PositiveMm = Annotated[float, Field(gt=0, le=LARGEST_MM)]
 # A detector's cell is larger than the wavelength of light, and the source is outside of any log.
 SMALLEST_MM = {"source_to_cor_mm": 1.0, "detector_pitch_mm": 1e-3, "row_pitch_mm": 1e-3}

@@ -6,7 +6,7 @@ from pydantic import Field
 
 from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import PredictedRayError, StandardDeviation
-from sawmill_contracts.geometry import Covariance, GivenTheta, ReportedSourceFrame, ScannerConstants
+from sawmill_contracts.geometry import COVARIANCE_EXAMPLE, Covariance, GivenTheta, ReportedSourceFrame, ScannerConstants
 from sawmill_contracts.kinds import AskedKind, JobAnswer, JobLinks, Operation, Reference, stored_as
 from sawmill_contracts.phantoms import SizeTolerancePercent
 from sawmill_platform.contracts.base import Contract, Identifier, link
@@ -56,15 +56,7 @@ class PlanResult(Contract):
     standard_deviation: StandardDeviation = Field(description="Expected standard deviations from one scan.")
     covariance: Covariance = Field(
         description="Covariance of (psi, R, SDD, u_c, tau) in rad and mm, in the products of their units.",
-        examples=[
-            [
-                [1e-08, 0, 0, 0, 0],
-                [0, 0.04, 0.07, 0, 0],
-                [0, 0.07, 0.12, 0, 0],
-                [0, 0, 0, 0.0004, 1e-07],
-                [0, 0, 0, 1e-07, 4e-08],
-            ]
-        ],
+        examples=[COVARIANCE_EXAMPLE],
     )
     predicted_ray_error_mm: PredictedRayError = Field(description="Predicted ray error, from noise alone.")
     scale_uncertainty_mm: float = Field(

@@ -31,11 +31,6 @@ def parse_rows(rows: str) -> slice:
     return parse_span("rows", rows)
 
 
-def _check_stepped_rows(text: str) -> str:
-    parse_rows(text)
-    return text
-
-
 def _check_rows(text: str) -> str:
     if parse_rows(text).step is not None:
         raise ValueError(f"rows that are averaged must be A:B, without a step, not {text!r}")
@@ -53,7 +48,7 @@ Rows = Annotated[
 ]
 SteppedRows = Annotated[
     str,
-    AfterValidator(_check_stepped_rows),
+    AfterValidator(lambda text: parse_rows(text) and text),
     Field(
         description="Detector rows A:B, the first included, the last not, or every STEP-th of them, A:B[:STEP].",
         examples=["0:16", "0:2500:10"],

@@ -18,10 +18,14 @@ StorageError
     └── StorageMisconfigured    the database will not answer before its settings are changed
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import ParamSpec, TypeVar
 
 from sawmill_platform.files.whole_files import DISK_AWAY, DISK_FULL
+
+Asked = ParamSpec("Asked")
+Found = TypeVar("Found")
 
 
 class StorageError(Exception):
@@ -37,6 +41,14 @@ class NotFound(StorageError):  # noqa: N818 - an outcome's name, as HTTP has it
         super().__init__(f"there is no {kind} {identifier!r}")
         self.kind = kind
         self.code = f"{kind}-not-found"
+
+
+def if_found(get: Callable[Asked, Found], *named: Asked.args, **options: Asked.kwargs) -> Found | None:
+    """Return what a function returns; None where it raises `NotFound`, as for what was deleted since."""
+    try:
+        return get(*named, **options)
+    except NotFound:
+        return None
 
 
 class Conflict(StorageError):  # noqa: N818

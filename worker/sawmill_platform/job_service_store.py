@@ -3,7 +3,6 @@
 import sqlite3
 import time
 from collections.abc import Callable
-from contextlib import AbstractContextManager
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -224,10 +223,6 @@ class JobServiceStore:
         """Check that the data folder is the one of the database."""
         with self.database.read() as session:
             check_identity(session, self.files.folder)
-
-    def as_one(self) -> AbstractContextManager[object]:
-        """Return one transaction of all that this thread does with the store within the block."""
-        return self.database.write_as_one()
 
     def close(self) -> None:
         """Close the connections to the database."""

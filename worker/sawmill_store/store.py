@@ -20,7 +20,7 @@ from sawmill_store.drift.drift_charts import DriftCharts
 from sawmill_store.drift.measurements import Measurements
 from sawmill_store.mill_files import MillFiles
 from sawmill_store.requests.asked import Asked
-from sawmill_store.retention.retention_store import RetentionKeeper, RetentionStore
+from sawmill_store.retention.retention_store import RetentionStore
 from sawmill_store.scanners.alarms import Alarms
 from sawmill_store.scanners.history import Histories
 from sawmill_store.scanners.overviews import Overviews
@@ -87,10 +87,6 @@ class Store(JobServiceStore):
     def asked(self, declared: AskedKind[Ask, Answer]) -> Asked[Ask, Answer]:
         """Return the store of the requests of one kind."""
         return Asked(self.database, self.files, self.places, declared)
-
-    def retention_keeper(self) -> RetentionKeeper:
-        """Return the remover of everything that the rules of retention reach."""
-        return RetentionKeeper(self.database, self.files)
 
     @classmethod
     def open(cls, settings: StorageSettings, *, clock: Clock | None = None, may_begin: bool = True) -> Self:

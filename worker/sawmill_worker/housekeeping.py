@@ -9,6 +9,7 @@ import structlog
 from sawmill_platform.workers.housekeeping import Duty, Housekeeping
 from sawmill_platform.workers.logs import going_on
 from sawmill_platform.workers.settings import ExecutionSettings
+from sawmill_store.retention.retention_store import RetentionKeeper
 from sawmill_store.store import Store
 from sawmill_worker.watched_folders import WatchedFolders
 
@@ -31,7 +32,7 @@ class MillHousekeeping(Housekeeping):
     ) -> None:
         super().__init__(store, settings, stop, monotonic=monotonic)
         self._mill = store
-        self._retention = store.retention_keeper()
+        self._retention = RetentionKeeper(store.database, store.files)
         self._watched_folders = WatchedFolders(store, stop, monotonic)
 
     def join(self) -> None:

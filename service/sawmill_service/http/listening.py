@@ -50,7 +50,12 @@ def listen(host: str, port: int, *, guarded: bool) -> socket.socket:
         listening.listen()
     except OSError as error:
         listening.close()
-        raise ListenError(_sentence(host, port, error)) from error
+        if error.errno == errno.EADDRINUSE:
+            raise ListenError(
+                f"port {port} of {host} is taken: stop what listens there, or choose another port with --port or "
+                "SAWMILL_PORT (0 takes a free one)"
+            ) from error
+        raise ListenError(f"{host} with port {port} cannot be listened on: {error.strerror}") from error
     except ListenError:
         listening.close()
         raise
@@ -70,15 +75,6 @@ def _check_guarded(host: str, address: str, *, guarded: bool) -> None:
             "create --name NAME --scope admin, set SAWMILL_TOKEN (at least 32 characters) or SAWMILL_TOKEN_FILE, or "
             "listen on 127.0.0.1"
         )
-
-
-def _sentence(host: str, port: int, error: OSError) -> str:
-    if error.errno == errno.EADDRINUSE:
-        return (
-            f"port {port} of {host} is taken: stop what listens there, or choose another port with --port or "
-            "SAWMILL_PORT (0 takes a free one)"
-        )
-    return f"{host} with port {port} cannot be listened on: {error.strerror}"
 
 
 # A connection, and the file that it sends or fetches.
@@ -142,8 +138,3 @@ class RefusedAccepts(logging.Filter):
             return False
         self._next = record.created + _SAME_LINE_S
         return True
-
-
-def log_refused_accepts_rarely() -> None:
-    """Keep connections that nobody uses from filling the log with those that cannot be accepted."""
-    logging.getLogger("asyncio").addFilter(RefusedAccepts())

@@ -103,6 +103,6 @@ def _shown(page: PageFrame, jobs: Jobs, chosen: JobsPageFilter) -> JobsShown:
 
 def _ended(jobs: Jobs, chosen: JobsPageFilter) -> Page[Job] | None:
     kind, state = chosen.kind or None, chosen.state
-    if not state:
-        return jobs.ended_page(kind=kind, after=chosen.after, limit=LISTED)
-    return jobs.page(state=state, kind=kind, after=chosen.after, limit=LISTED) if state.ended else None
+    if state and not state.ended:
+        return None
+    return jobs.page(state=state or None, kind=kind, ended=not state, after=chosen.after, limit=LISTED)

@@ -14,9 +14,8 @@ from sawmill_contracts.reconstructions import Reconstruction, ReconstructionName
 from sawmill_platform.contracts.base import Identifier, placed_complaint
 from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.contracts.keys import Scope
-from sawmill_platform.errors import NotFound
+from sawmill_platform.errors import NotFound, if_found
 from sawmill_service.dependencies import TheSettings, TheStore
-from sawmill_service.drawing import scan_if_kept
 from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.frame.languages import COLOR_MAPS, LOG_STATES
@@ -90,7 +89,7 @@ def _log_page(
         volumes=[_volume(store.files, each, calibrations) for each in shown if each.result],
         shown=shown,
         others=comparable,
-        scan=scan_if_kept(store.scans, log.scan_id),
+        scan=if_found(store.scans.get, log.scan_id),
         scanners=scanners,
         scanner=scanners[log.scanner_id],
         calibrations=calibrations,

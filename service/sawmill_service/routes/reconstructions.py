@@ -95,11 +95,6 @@ class SliceQuery(WindowQuery):
         return self
 
 
-def _check_slices(text: str) -> str:
-    parse_span("slices", text)
-    return text
-
-
 class MosaicQuery(WindowQuery):
     """Slices to draw next to one another."""
 
@@ -108,7 +103,7 @@ class MosaicQuery(WindowQuery):
         description=f"Number of slices, evenly along the log; null: {USUAL_TILES}, or all where there are fewer.",
         examples=[USUAL_TILES],
     )
-    slices: Annotated[str, AfterValidator(_check_slices)] | None = Field(
+    slices: Annotated[str, AfterValidator(lambda text: parse_span("slices", text) and text)] | None = Field(
         None,
         description=f"Slices A:B or A:B:STEP instead, at most {MOST_TILES}.",
         examples=["0:2500:100"],

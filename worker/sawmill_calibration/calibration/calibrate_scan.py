@@ -91,7 +91,8 @@ def log_rows(
 ) -> LogRows | None:
     """Return the given rows, or those outside the phantom's that show another body in all views; None without any."""
     phantom_rows = calibration_input.rows
-    candidates = _outside(phantom_rows, rows) if row_range is None else _requested(phantom_rows, row_range, rows)
+    outside = [*range(rows[0], phantom_rows[0] - GAP), *range(phantom_rows[1] + GAP, rows[1])]
+    candidates = outside if row_range is None else _requested(phantom_rows, row_range, rows)
     spaced = np.unique(np.linspace(0, len(candidates) - 1, MOST_ROWS).astype(int))
     tried = [candidates[index] for index in spaced] if candidates else []
     phantom = _coarse(calibration_input.sinogram)
@@ -147,11 +148,6 @@ def _reason(witness: LogWitness) -> str:
         case "phantom" if jump is not None:
             return f"the log moved by {jump.by_mm:.2g} mm at view {jump.view}: the phantom's u_c and tilt were taken"
     return f"both agree ({statistic}): they were combined by their covariances"
-
-
-def _outside(phantom_rows: tuple[int, int], rows: tuple[int, int]) -> list[int]:
-    first, after_last = phantom_rows
-    return [*range(rows[0], first - GAP), *range(after_last + GAP, rows[1])]
 
 
 def _requested(phantom_rows: tuple[int, int], row_range: str, rows: tuple[int, int]) -> list[int]:

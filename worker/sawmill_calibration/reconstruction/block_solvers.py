@@ -32,7 +32,6 @@ from sawmill_tomography.reconstruction.knot_contrast import knot_contrasts
 from sawmill_tomography.reconstruction.method import (
     CANDIDATES_AT_ONCE,
     IMAGES_OF_A_DESCENT,
-    CoupledMethod,
     DirectMethod,
     FittedMethod,
     Method,
@@ -245,7 +244,7 @@ class _FittedSolver:
         image_bytes = 4 * max(grid.size, 0 if grids is None else grids.whole.size) ** 2
         check_memory(method.least_images * image_bytes, task.memory_bytes)
         together = task.memory_bytes // (IMAGES_OF_A_DESCENT * image_bytes)
-        self.halo = method.halo if isinstance(method, CoupledMethod) and task.slices > 1 else 0
+        self.halo = method.halo if isinstance(method, TotalVariation) and task.slices > 1 else 0
         self.step = int(max(min(together, COUPLED_TOGETHER if self.halo else FITTED_TOGETHER) - 2 * self.halo, 1))
         self._metal = _metal_reduction(task, leave_out=method.leaves_out, weigh=method.weighs)
         if method.is_open or self._outside is not None:
@@ -276,7 +275,7 @@ class _FittedSolver:
         findings = BlockFindings()
         worth = len(range(rows.shape[1])[part])
         method = self._method
-        couples = isinstance(method, CoupledMethod) and method.coupling_is_open and self.halo > 0
+        couples = isinstance(method, TotalVariation) and method.coupling_is_open and self.halo > 0
         chooses = method.is_open and (couples or self._task.slices > worth)
         phases = Phases(
             lambda share: self._task.on_progress(worth * share),
@@ -289,7 +288,7 @@ class _FittedSolver:
             self._outside = self._outside.chosen(sample.lines[0], self._noise(sample.lines, sample.uncertainty))
         if couples or chooses:
             self._choose_for_the_log(phases)
-        if isinstance(self._method, CoupledMethod) and not self._method.halo:
+        if isinstance(self._method, TotalVariation) and not self._method.halo:
             # A slice whose coupling was chosen as 0 needs no neighbours.
             first, rows, part = first + (part.start or 0), rows[:, part], WHOLE
         complete = filled(rows, self._projector.geometry.angles_rad)
@@ -329,7 +328,7 @@ class _FittedSolver:
             noise = self._noise(sample.lines, sample.uncertainty)
             lines, _ = self._taken_out(sample.lines, noise)
             chosen = chosen.chosen(self._projector, lines[0], noise=noise, on_progress=phases.of("choose"))
-        if isinstance(chosen, CoupledMethod) and chosen.coupling_is_open:
+        if isinstance(chosen, TotalVariation) and chosen.coupling_is_open:
             numbers, around = self._task.around()
             around = _levelled(around, self._general)
             shown = around.any(axis=(1, 2))
@@ -355,7 +354,7 @@ class _FittedSolver:
         noise = self._noise(lines, uncertainty)
         lines, below = self._taken_out(lines, noise)
         reconstruct = (
-            partial(method.reconstruct, numbers=numbers) if isinstance(method, CoupledMethod) else method.reconstruct
+            partial(method.reconstruct, numbers=numbers) if isinstance(method, TotalVariation) else method.reconstruct
         )
         estimate = reconstruct(self._projector, lines, noise=noise, on_progress=on_progress)
         return estimate if below is None else replace(estimate, image=estimate.image + below)

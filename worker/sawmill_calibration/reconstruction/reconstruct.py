@@ -173,7 +173,8 @@ def run_reconstruction(
         The file cannot be written.
     """
     run = _Run(scan, geometry, options, report)
-    check_disk(output.parent, run.shape, cost.volume_bytes(options.size, run.slices))
+    needed_bytes, remedy = cost.volume_bytes(options.size, run.slices), "ask for fewer rows or a smaller size"
+    check_disk(output.parent, "a volume", run.shape, needed_bytes, remedy)
     settings = settings_of(keeper)
 
     def on_chosen(chosen: Settings) -> None:

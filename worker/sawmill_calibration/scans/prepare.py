@@ -13,7 +13,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_calibration.failures import check_disk_for_scan
+from sawmill_calibration.failures import check_disk
 from sawmill_calibration.scans.row_alignment import AlignedRows, Views, align_rows
 from sawmill_contracts.scans import PrepareOptions
 from sawmill_formats.input.canonical import AveragedRows, CanonicalScan
@@ -118,7 +118,7 @@ def prepare_scan(
     JobFailure, OSError
         The file does not fit on the disk, or cannot be written.
     """
-    check_disk_for_scan(output.parent, read.shape)
+    check_disk(output.parent, "a scan", read.shape, 4 * math.prod(read.shape), "give fewer rows")
     preparation, aligns = _RowPreparation(read, options), options.align_rows is not RowAlignment.OFF
     step_views, _ = read.block_shape(window_bytes)
     by_views = step_views < read.shape[0]

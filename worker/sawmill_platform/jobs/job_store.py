@@ -99,10 +99,17 @@ class Jobs:
             return self._described(session, [found(session, JobRow, "job", job_id)])[0]
 
     def page(
-        self, *, state: JobState | None = None, kind: JobKind | None = None, after: str | None = None, limit: int = 50
+        self,
+        *,
+        state: JobState | None = None,
+        kind: JobKind | None = None,
+        ended: bool = False,
+        after: str | None = None,
+        limit: int = 50,
     ) -> Page[Job]:
-        """Return a page of jobs, newest first."""
-        statement = narrowed(select(JobRow), {JobRow.state: state, JobRow.kind: kind})
+        """Return a page of jobs, the newest request first; with `ended` those that have ended in any state."""
+        jobs = select(JobRow).where(JobRow.state.in_(ENDED)) if ended else select(JobRow)
+        statement = narrowed(jobs, {JobRow.state: state, JobRow.kind: kind})
         with self._database.read() as session:
             rows, following = rows_of_page(session, statement, JobRow, after=after, limit=limit)
             return Page[Job](items=self._described(session, rows), next=following)
@@ -113,13 +120,6 @@ class Jobs:
             first = [place.job_id for place in places(session) if kind in {None, place.kind}][:limit]
             rows = {row.id: row for row in session.scalars(select(JobRow).where(JobRow.id.in_(first)))}
             return self._described(session, [rows[job_id] for job_id in first])
-
-    def ended_page(self, *, kind: JobKind | None = None, after: str | None = None, limit: int = 50) -> Page[Job]:
-        """Return a page of jobs that have ended in any state, the newest request first."""
-        statement = narrowed(select(JobRow).where(JobRow.state.in_(ENDED)), {JobRow.kind: kind})
-        with self._database.read() as session:
-            rows, following = rows_of_page(session, statement, JobRow, after=after, limit=limit)
-            return Page[Job](items=self._described(session, rows), next=following)
 
     def counts(self) -> dict[JobState, int]:
         """Return the number of jobs in each state, zeros included."""

@@ -4,7 +4,7 @@ from collections.abc import Collection, Iterator, Mapping
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import Select, func, select, text
+from sqlalchemy import func, select, text
 
 from sawmill_platform.contracts.audit import AuditEntry
 from sawmill_platform.contracts.base import Page
@@ -63,7 +63,7 @@ class Audit(StorePart):
             None if since is None else EventRow.at >= since,
             None if until is None else EventRow.at < until,
         )
-        statement = _decisions().where(*(each for each in conditions if each is not None))
+        statement = select(EventRow).where(_DECIDED, *(each for each in conditions if each is not None))
         with self._database.read() as session:
             return read_numbered_page(session, statement, EventRow.number, read_audit_entry, after=after, limit=limit)
 
@@ -88,13 +88,9 @@ class Audit(StorePart):
         return count, newest
 
     def _following(self, number: int) -> list[AuditEntry]:
-        statement = _decisions().where(EventRow.number > number).order_by(EventRow.number).limit(_BATCH)
+        statement = select(EventRow).where(_DECIDED, EventRow.number > number).order_by(EventRow.number).limit(_BATCH)
         with self._database.read() as session:
             return [read_audit_entry(row) for row in session.scalars(statement)]
-
-
-def _decisions() -> Select[EventRow]:
-    return select(EventRow).where(_DECIDED)
 
 
 def read_audit_entry(row: EventRow) -> AuditEntry:

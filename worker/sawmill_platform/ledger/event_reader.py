@@ -66,8 +66,10 @@ class EventReader:
                 if row.type.is_public:
                     there.append(Event.of_row(row))
                 before = row.number
-        if missed is not None:
-            self._miss(missed)
+        if missed is not None and missed != self._missed:  # a new gap, at which the reader waits from now on
+            with self._database.read() as session:
+                _, self._settled_by = _transactions(session)
+            self._missed, self._missed_at_s = missed, time.monotonic()
         self.number = before
         return there
 
@@ -77,13 +79,6 @@ class EventReader:
             return True
         waited_s = time.monotonic() - self._missed_at_s
         return self._missed == before and open_since >= self._settled_by and waited_s >= _SHORTEST_WAIT_S
-
-    def _miss(self, before: int) -> None:
-        """Wait at a gap; for a new gap, from now on."""
-        if self._missed != before:
-            with self._database.read() as session:
-                _, self._settled_by = _transactions(session)
-            self._missed, self._missed_at_s = before, time.monotonic()
 
     def _newest(self, session: Session) -> int:
         """Return the newest number through which all events are written."""

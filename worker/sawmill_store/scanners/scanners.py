@@ -3,6 +3,7 @@
 import os
 from collections.abc import Iterable, Sequence
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 
 from sqlalchemy import func, select
@@ -68,14 +69,8 @@ class Scanners:
     def page(self, *, after: str | None = None, limit: int = 50) -> Page[StoredScanner]:
         """Return a page of scanners, newest first."""
         with self._database.read() as session:
-            return read_page(
-                session,
-                select(ScannerRow),
-                ScannerRow,
-                lambda row: read_scanner(session, row),
-                after=after,
-                limit=limit,
-            )
+            read = partial(read_scanner, session)
+            return read_page(session, select(ScannerRow), ScannerRow, read, after=after, limit=limit)
 
     def names(self) -> dict[str, str]:
         """Return the names of all scanners by id, in the order of the names."""

@@ -8,9 +8,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
-import numpy as np
-from numpy.typing import NDArray
-
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.projection.projector import Image, Projector
 from sawmill_tomography.reconstruction.estimate import Estimate
@@ -48,7 +45,7 @@ class FittedMethod(ABC):
 
     least_images: ClassVar[int]  # images of float32 that are in memory at once for a single slice
     pairs_a_slice: ClassVar[float]  # forward and adjoint projections for a slice, with its parameters already chosen
-    # Cost of `chosen`, and of a `CoupledMethod`'s `with_coupling_chosen`, relative to a slice of a block
+    # Cost of `chosen`, and of `TotalVariation.with_coupling_chosen`, relative to a slice of a block
     choosing_cost_slices: ClassVar[float] = 0.0
     coupling_cost_slices: ClassVar[float] = 0.0
     leaves_out: ClassVar[bool] = False  # True if rays can be left out. Otherwise all rays have the same weight
@@ -96,60 +93,6 @@ class FittedMethod(ABC):
             for a ray without weight, whose line is interpolated.
         on_progress : callable
             Called with the finished share of the block.
-        """
-
-
-@dataclass(frozen=True)
-class CoupledMethod(FittedMethod):
-    """A fitted method whose slices may help their neighbours."""
-
-    @property
-    @abstractmethod
-    def halo(self) -> int:
-        """Slices beyond either end of a block that affect it; 0 if the slices are known to be independent."""
-
-    @property
-    @abstractmethod
-    def coupling_is_open(self) -> bool:
-        """True if the coupling is to be chosen from neighbouring slices."""
-
-    @abstractmethod
-    def with_coupling_chosen(
-        self,
-        projector: Projector,
-        lines: Image,
-        *,
-        numbers: NDArray[np.int64],
-        others_stay: bool,
-        noise: FloatArray,
-        on_progress: OnProgress,
-    ) -> Self:
-        """Return the method, no other parameter open, with the coupling chosen from slices (slices, views, detector).
-
-        Parameters
-        ----------
-        numbers
-            Parameter of `reconstruct`.
-        others_stay : bool
-            True if the other parameters were given: they are then kept, whatever the coupling.
-        """
-
-    @abstractmethod
-    def reconstruct(
-        self,
-        projector: Projector,
-        lines: Image,
-        *,
-        noise: FloatArray,
-        on_progress: OnProgress,
-        numbers: NDArray[np.int64] | None = None,
-    ) -> Estimate:
-        """Reconstruct a block (`FittedMethod.reconstruct`).
-
-        Parameters
-        ----------
-        numbers : (slices,) int64, optional
-            Numbers of the slices along the log: consecutive numbers are neighbours. By default all slices are.
         """
 
 

@@ -20,7 +20,7 @@ from sawmill_tomography.reconstruction.iterative.edge_preserving import (
 )
 from sawmill_tomography.reconstruction.iterative.priors import TotalVariationPrior
 from sawmill_tomography.reconstruction.iterative.progress import OnProgress
-from sawmill_tomography.reconstruction.method import CANDIDATES_AT_ONCE, IMAGES_OF_A_DESCENT, CoupledMethod
+from sawmill_tomography.reconstruction.method import CANDIDATES_AT_ONCE, IMAGES_OF_A_DESCENT, FittedMethod
 from sawmill_tomography.reconstruction.total_variation_weights import (
     COUPLINGS,
     TOLERANCE,
@@ -127,8 +127,8 @@ ring_tv = partial(total_variation, ring_weight=None)
 
 
 @dataclass(frozen=True)
-class TotalVariation(CoupledMethod):
-    """The method `total_variation` in the table of methods."""
+class TotalVariation(FittedMethod):
+    """The method `total_variation` in the table of methods, whose slices may help their neighbours."""
 
     least_images: ClassVar[int] = IMAGES_OF_A_DESCENT * CANDIDATES_AT_ONCE
     pairs_a_slice: ClassVar[float] = USUAL_PAIRS
@@ -144,7 +144,7 @@ class TotalVariation(CoupledMethod):
 
     @property
     def coupling_is_open(self) -> bool:
-        """True if the coupling is `auto`."""
+        """True if the coupling is `auto`, to be chosen from neighbouring slices."""
         return self.coupling == "auto"
 
     @property
@@ -172,7 +172,15 @@ class TotalVariation(CoupledMethod):
         noise: FloatArray,
         on_progress: OnProgress,
     ) -> Self:
-        """Return the method with the coupling chosen by `choose_coupling`."""
+        """Return the method, no other parameter open, with the coupling chosen from slices (slices, views, detector).
+
+        Parameters
+        ----------
+        numbers
+            Parameter of `reconstruct`.
+        others_stay : bool
+            True if the other parameters were given: they are then kept, whatever the coupling.
+        """
         assert self.weight is not None and self._ring_weight is not None  # noqa: S101, PT018 - chosen before
         choice = choose_coupling(
             projector,
@@ -228,7 +236,13 @@ class TotalVariation(CoupledMethod):
         on_progress: OnProgress,
         numbers: NDArray[np.int64] | None = None,
     ) -> Estimate:
-        """Reconstruct a block."""
+        """Reconstruct a block (`FittedMethod.reconstruct`).
+
+        Parameters
+        ----------
+        numbers : (slices,) int64, optional
+            Numbers of the slices along the log: consecutive numbers are neighbours. By default all slices are.
+        """
         return total_variation(
             projector,
             lines,

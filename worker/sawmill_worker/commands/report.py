@@ -28,7 +28,11 @@ def write_report(path: Path, output: Path) -> bool:
         scan_id=_text(record.header, "scan_id"),
         origin=path.name,
     )
-    output.write_text(_drawn(path, record.result, about, record.arrays), encoding="utf-8")
+    try:
+        page = report_html(record.result, about, record.arrays)
+    except (ValueError, IndexError) as error:
+        raise refused("calibration", f"the arrays of {path.name} cannot be drawn: {error}") from error
+    output.write_text(page, encoding="utf-8")
     return record.arrays is not None
 
 
@@ -52,13 +56,6 @@ def _local(path: Path, time: datetime) -> datetime:
         raise refused(
             "calibration", f"{path.name} was made at {time.isoformat()}, which in UTC is not within the years 1 to 9999"
         ) from error
-
-
-def _drawn(path: Path, result: CalibrationResult, about: About, arrays: CalibrationArrays | None) -> str:
-    try:
-        return report_html(result, about, arrays)
-    except (ValueError, IndexError) as error:
-        raise refused("calibration", f"the arrays of {path.name} cannot be drawn: {error}") from error
 
 
 def _text(header: dict[str, Any], name: str) -> str | None:

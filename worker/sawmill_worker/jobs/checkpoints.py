@@ -16,7 +16,7 @@ import numpy as np
 import structlog
 from numpy.typing import NDArray
 
-from sawmill_calibration.checkpoints import Arrays, MadeWith
+from sawmill_calibration.checkpoints import Arrays, Keeper, MadeWith
 from sawmill_platform.errors import FolderUnavailable, StorageFull, disk_outage_reported
 from sawmill_platform.files.file_store import check_room
 from sawmill_platform.files.whole_files import whole_file
@@ -83,8 +83,8 @@ PAUSE_S, SECOND_PAUSE_AGAIN_S = 5.0, 0.5
 MOST_ANNOUNCED = 100
 
 
-class AttemptKeeper:
-    """A `Keeper` for one attempt, whose progress depends on the `origin` (JSON) and the software.
+class AttemptKeeper(Keeper):
+    """A keeper for one attempt, whose progress depends on the `origin` (JSON) and the software.
 
     A checkpoint that does not fit on the disk, with the bytes that the results need, is left out: a job can finish
     without. The next is due after the usual pause, and the log has one line until a checkpoint fits again.

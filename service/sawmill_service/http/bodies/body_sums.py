@@ -109,10 +109,10 @@ _ITEM = re.compile(rf"[ ]*({_BARE}){_PARAMETERS}[ ]*", re.ASCII)
 _MEMBER = re.compile(rf"[ \t]*({_KEY})(?:=({_BARE}))?{_PARAMETERS}[ \t]*(,|$)", re.ASCII)
 
 
-def integer_in(text: str) -> int | None:
-    """Read an item that is an integer (section 3.3.1)."""
+def count_in(text: str) -> int | None:
+    """Read an item that is an integer (section 3.3.1) of 0 or more."""
     bare = _bare_in(text)
-    return int(bare) if bare is not None and re.fullmatch(r"-?\d+", bare, re.ASCII) else None
+    return int(bare) if bare is not None and re.fullmatch(r"-0+|\d+", bare, re.ASCII) else None
 
 
 def boolean_in(text: str) -> bool | None:
@@ -204,7 +204,7 @@ class AnnouncedPart:
 
 def announced_part(headers: Headers) -> AnnouncedPart:
     """Read the headers of a part."""
-    offset_bytes = _read(headers, "Upload-Offset", _count_in, "a count of bytes, as in 1048576")
+    offset_bytes = _read(headers, "Upload-Offset", count_in, "a count of bytes, as in 1048576")
     if offset_bytes is None:
         raise Refused(
             400,
@@ -215,7 +215,7 @@ def announced_part(headers: Headers) -> AnnouncedPart:
         offset_bytes=offset_bytes,
         part_bytes=int(headers["content-length"]) if "content-length" in headers else None,  # digits, by the gate
         is_last=_read(headers, "Upload-Complete", boolean_in, "?1 or ?0") or False,
-        size_bytes=_read(headers, "Upload-Length", _count_in, "a count of bytes, as in 1048576"),
+        size_bytes=_read(headers, "Upload-Length", count_in, "a count of bytes, as in 1048576"),
     )
 
 
@@ -228,8 +228,3 @@ def _read(headers: Headers, name: str, parse: Callable[[str], Value | None], rig
     if value is None:
         raise Refused(400, "bad-upload-header", f"{name} must be {right}, not {', '.join(lines)[:100]!r}")
     return value
-
-
-def _count_in(text: str) -> int | None:
-    number = integer_in(text)
-    return number if number is not None and number >= 0 else None

@@ -23,9 +23,9 @@ from sawmill_contracts.scans import Scan, ScanShape, ScanSpec, ScanState
 from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.keys import Scope
-from sawmill_platform.errors import Conflict, NotFound, QueueFull, StorageError
+from sawmill_platform.errors import Conflict, NotFound, QueueFull, StorageError, if_found
 from sawmill_service.dependencies import TheSettings, TheStore, TheWake
-from sawmill_service.drawing import scan_if_kept, shown_log
+from sawmill_service.drawing import shown_log
 from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.problems import STATUS, complaint
 from sawmill_service.http.responses.drawn import picture
@@ -146,7 +146,7 @@ def choose_dataset(page: ThePage, store: TheStore, wake: TheWake, form: TheForm)
 
 def _started(store: Store, wake: TheWake, spec: ScanSpec, inspection_id: str) -> CalibrationUnfinished:
     received = store.inspections.received_again(inspection_id)
-    with store.as_one():
+    with store.database.write_as_one():
         scan = store.scans.accept(spec, received)
         calibration = store.calibrations.accept(CalibrationRequest(scan_id=scan.id))
     for job_id in (scan.job_id, calibration.job_id):
@@ -223,7 +223,7 @@ def _of_inspection(page: PageFrame, store: Store, where: WizardAddress, inspecti
         return page.answer("calibrate_refused.html", where=where, inspection=inspection, failure=failure, held=held)
     addressed = {name: answer for name, parameter in ASKED.items() if (answer := getattr(where, parameter))}
     # A scan of the same file may have been made with other answers, and deleted since.
-    scan = None if where.scan is None else scan_if_kept(store.scans, where.scan)
+    scan = None if where.scan is None else if_found(store.scans.get, where.scan)
     earlier = {name: str(answer) for name in ASKED if (answer := getattr(scan, name, None)) is not None}
     return _asked(page, store, where, inspection, earlier | addressed, status=200)
 
@@ -247,7 +247,7 @@ def _of_calibration(
     page: PageFrame, store: Store, where: WizardAddress, calibration: CalibrationSucceeded | CalibrationUnfinished
 ) -> HTMLResponse:
     number = store.events.reader().number
-    scanner, scan = store.scanners.get(calibration.scanner_id), scan_if_kept(store.scans, calibration.scan_id)
+    scanner, scan = store.scanners.get(calibration.scanner_id), if_found(store.scans.get, calibration.scan_id)
     discarded = store.history.newest(scanner.id, HistoryKind.DISCARD, calibration.id)
     if isinstance(calibration, CalibrationSucceeded):
         arrays = stored_arrays(store.files, calibration.id)

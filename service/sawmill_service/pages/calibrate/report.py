@@ -19,9 +19,9 @@ from sawmill_contracts.history import HistoryKind
 from sawmill_formats.errors import damage_reported
 from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.keys import Scope
-from sawmill_platform.errors import NotFound
+from sawmill_platform.errors import if_found
 from sawmill_service.dependencies import TheStore
-from sawmill_service.drawing import DRAWING, FIGURE_BYTES, scan_if_kept
+from sawmill_service.drawing import DRAWING, FIGURE_BYTES
 from sawmill_service.http.responses.drawn import Drawn
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.frame.languages import Language, known_zone, texts
@@ -63,7 +63,7 @@ def report(
 def _about(store: Store, calibration: CalibrationSucceeded, language: str) -> "About":
     from sawmill_calibration.pictures.report_page import About
 
-    scanner, scan = store.scanners.get(calibration.scanner_id), scan_if_kept(store.scans, calibration.scan_id)
+    scanner, scan = store.scanners.get(calibration.scanner_id), if_found(store.scans.get, calibration.scan_id)
     activation = store.history.newest(scanner.id, HistoryKind.ACTIVATION, calibration.id)
     zone, words = _zone(store, scanner.id), partial(stored_words, translate=texts(language).gettext)
 
@@ -106,9 +106,8 @@ def stored_arrays(files: MillFiles, calibration_id: str) -> "CalibrationArrays |
     from sawmill_formats.output import calibration_file
     from sawmill_vocabulary.calibration_arrays import CalibrationArrays
 
-    try:
-        path = files.result(kinds.CALIBRATE, calibration_id, "result.h5")
-    except NotFound:
+    path = if_found(files.result, kinds.CALIBRATE, calibration_id, "result.h5")
+    if path is None:
         return None
     arrays = calibration_file.read_calibration(path).arrays
     with damage_reported(path.name):

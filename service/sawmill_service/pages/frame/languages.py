@@ -22,7 +22,7 @@ from babel.numbers import format_decimal, format_scientific
 from sawmill_contracts.scans import ScanState
 from sawmill_platform.contracts.jobs import JobState
 from sawmill_vocabulary import ColorMap
-from sawmill_vocabulary.messages import Reader
+from sawmill_vocabulary.messages import N_, Reader
 
 _CATALOGUES = Path(__file__).parents[2] / "locale"
 ENGLISH = "en"
@@ -39,11 +39,7 @@ class Language(StrEnum):
 LANGUAGES = {ENGLISH: "English", "fi": "Suomi"}
 # Locales whose dates, hours and decimals are used for a language.
 _REGIONS = {ENGLISH: "en_GB"}
-
-
-def marked(text: str) -> str:
-    """Mark a text for the catalogues where it is written; it is translated where it is shown."""
-    return text
+marked = N_
 
 
 def catalogue(language: str) -> Catalog:

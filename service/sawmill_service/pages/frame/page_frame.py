@@ -14,7 +14,7 @@ from jinja2 import Environment
 from sawmill_calibration.pictures.templating import templates_of
 from sawmill_platform.contracts.jobs import Failure
 from sawmill_platform.contracts.keys import Scope
-from sawmill_platform.errors import NotFound
+from sawmill_platform.errors import if_found
 from sawmill_platform.jobs.job_store import Jobs
 from sawmill_service.access import ANYBODY, Caller, SessionCookie
 from sawmill_service.http.problem_types import problem_types
@@ -93,10 +93,8 @@ class PageFrame:
     def _failure_of(self, job_id: str) -> Failure | None:
         """Return why a job failed; None where it did not, or its row was removed."""
         jobs: Jobs = self._request.app.state.store.jobs
-        try:
-            return jobs.get(job_id).failure
-        except NotFound:
-            return None
+        job = if_found(jobs.get, job_id)
+        return None if job is None else job.failure
 
 
 def _frame(request: Request) -> PageFrame:

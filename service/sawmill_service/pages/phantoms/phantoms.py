@@ -29,7 +29,7 @@ from sawmill_mill.two_questions import TwoQuestions
 from sawmill_platform.contracts.base import Contract, Identifier, read_strictly
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.keys import Scope
-from sawmill_platform.errors import Conflict, NotFound
+from sawmill_platform.errors import Conflict, NotFound, if_found
 from sawmill_service.dependencies import TheSettings, TheStore
 from sawmill_service.http.problems import complaint
 from sawmill_service.http.responses.answers import Paging, Svg, file
@@ -39,7 +39,6 @@ from sawmill_service.pages.calibrate.calibrate_words import TheWizardAddress
 from sawmill_service.pages.frame.languages import Formats
 from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
 from sawmill_service.pages.frame.verdicts import ShownQuestion, shown_pair
-from sawmill_store.scanners.scanners import Scanners
 from sawmill_store.scans.phantoms import Phantoms
 from sawmill_store.store import Store
 from sawmill_vocabulary import Shape
@@ -295,15 +294,8 @@ class PlanView:
 def plan_views(store: Store, phantom_id: str, page: PageFrame) -> Iterator[PlanView]:
     """Yield the newest plans with a phantom, judged by the present tolerances."""
     for plan in store.plans.page(phantom_id=phantom_id, limit=SHOWN).items:
-        scanner = _scanner(store.scanners, plan.scanner_id)
+        scanner = if_found(store.scanners.get, plan.scanner_id)
         questions: list[ShownQuestion] = []
         if plan.result is not None and scanner is not None:
             questions = shown_pair(TwoQuestions.of_plan(plan.result, scanner.tolerances), page.text, page.formats)
         yield PlanView(plan, scanner, questions)
-
-
-def _scanner(scanners: Scanners, scanner_id: str) -> StoredScanner | None:
-    try:
-        return scanners.get(scanner_id)
-    except NotFound:
-        return None
