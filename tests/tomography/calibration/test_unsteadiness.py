@@ -67,6 +67,16 @@ def test_a_phantom_that_slips_three_times_is_watched_where_other_motions_explain
     assert (verdict, true_mm > 0.1) == ("watch", True)
 
 
+@pytest.mark.parametrize(("seed", "verdict"), [(1, "pass"), (6, "fail")])
+def test_a_phantom_that_moves_in_no_simple_way_is_named_and_its_bound_holds(seed, verdict):
+    """A random walk of 0.04 mm a view was a wobble and a slip: with seed 6 0.19 mm off, with a bound of 0.055."""
+    walk_mm = np.cumsum(0.04 * np.random.default_rng(seed).standard_normal((VIEWS, 2)), axis=0)
+    found = calibrated(shadow(ANGLES, at=walk_mm), seed)
+    assert any("phantom-unsteady" in each.codes for each in found.adjustments)
+    assert error_mm(found) < found.findings.error_bars.predicted_ray_error.upper_95_mm
+    assert found.judgement.verdict == verdict
+
+
 @pytest.mark.nightly
 @pytest.mark.parametrize("motion", OTHER_MOTIONS)
 def test_phantoms_that_move_otherwise_do_not_pass_with_wrong_rays(motion):
