@@ -122,7 +122,7 @@ def _coming_to_rest(share: float) -> tuple[Effect, Effect]:
 
 
 def _waves(model: ScanModel) -> list[FloatArray]:
-    """Return waves in time, (views,) each, whose sizes fall with their number as those of a random walk do."""
+    """Return waves in time, (views,) each, whose sizes fall with their number as in a random walk."""
     at = math.pi * (progress(model) + 0.5)
     waves = (np.cos(number * at) / number for number in range(1, min(WAVES, len(at) // 3) + 1))
     return [wave - wave.mean() for wave in waves]
@@ -153,6 +153,22 @@ DEFORMATION = Effect(
 )
 # The angles run too fast or too slowly.
 PACE = Effect(Adjustment.PACE, lambda model: of_angle([progress(model)]), _pace)
+
+# Phantom or scanner move in any other way than those below: as rare as a motion that comes to rest.
+UNSTEADY_MOTIONS = (
+    Effect(
+        Adjustment.CREEP,
+        lambda model: of_position(_waves(model)),
+        lambda model, sizes: EffectMessage.PHANTOM_UNSTEADY(unsteady_mm=_span_mm(model, sizes)),
+        trials=3.0,
+    ),
+    Effect(
+        Adjustment.CREEP,
+        lambda model: in_the_laboratory(model, _waves(model)),
+        lambda model, sizes: EffectMessage.SCANNER_UNSTEADY(scanner_creep_mm=_span_mm(model, sizes)),
+        trials=3.0,
+    ),
+)
 
 EFFECTS: tuple[Effect, ...] = (
     # The measured line integral is p + c p^2 + d p^3.
@@ -221,19 +237,7 @@ EFFECTS: tuple[Effect, ...] = (
     *(_wobble(order, times) for order, times in _USUAL.items()),
     *(_wobble(order, times, 2.0 * len(_RARE)) for order, times in _RARE.items()),
     *(effect for share in REST for effect in _coming_to_rest(share)),
-    # Phantom or scanner move in any other way.
-    Effect(
-        Adjustment.CREEP,
-        lambda model: of_position(_waves(model)),
-        lambda model, sizes: EffectMessage.PHANTOM_UNSTEADY(unsteady_mm=_span_mm(model, sizes)),
-        trials=2.0 * len(_RARE),
-    ),
-    Effect(
-        Adjustment.CREEP,
-        lambda model: in_the_laboratory(model, _waves(model)),
-        lambda model, sizes: EffectMessage.SCANNER_UNSTEADY(scanner_creep_mm=_span_mm(model, sizes)),
-        trials=2.0 * len(_RARE),
-    ),
+    *UNSTEADY_MOTIONS,
 )
 
 

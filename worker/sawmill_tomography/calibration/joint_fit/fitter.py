@@ -17,6 +17,7 @@ from sawmill_tomography.calibration.joint_fit.climb import Climb, scatter_of
 from sawmill_tomography.calibration.joint_fit.effects import (
     EFFECTS,
     OF_WOOD,
+    UNSTEADY_MOTIONS,
     Effect,
     is_beyond_drawing,
     places_of_cells,
@@ -221,7 +222,7 @@ class JointFitter:
         self.fit(on_step, 2 * EARLY)
 
     def copied(self) -> "JointFitter":
-        """Return a fit that goes on from here by itself."""
+        """Return a fit that continues from here by itself."""
         other, own = copy(self), {one: copy(one) for one in (*self.fitted, *self.waiting, *self.declared_places)}
         other.fitted, other.waiting, other.declared_places = (
             [own[one] for one in some] for some in (self.fitted, self.waiting, self.declared_places)
@@ -423,7 +424,10 @@ class JointFitter:
         # Cells cannot follow an arc that bends away from the source: the fit would take the same step in each round.
         same = not self._dropped_impossible(filter(_is_place, before)) and same
         if share == 0.0:
-            return True
+            # What was found of the cells may leave no step that explains more.
+            stuck = [one for one in self.fitted if self._is_found_on_detector(one)]
+            self._drop(stuck)
+            return not stuck
         if share < 1.0 or not small or not same or more:
             return False
         settled = self._settled(system, change, grams.weights)
@@ -444,7 +448,9 @@ class JointFitter:
         posterior.scatter.update({each: scatter_of(posterior.resized(each, 0.0), each) for each in fitted})
         self.climb = climb = Climb(self.model, structured)
         most = MOST_JOINING if self.rounds <= JOINING else 0
-        out = [group for group in groups if group.one in self.gone]
+        # Waves in time would take up what other motions explain, and join as another set of motions (`go_over`).
+        waits = self.gone | {one for one in tried if one.effect in UNSTEADY_MOTIONS}
+        out = [group for group in groups if group.one in waits]
         best = climb.to(posterior, groups, most, out)
         # What is found first replaces others: modules, an arc and waves are each tried first.
         of_cells = [group for group in groups if is_on_detector(group.one)]
@@ -746,18 +752,22 @@ class JointFitter:
     def _dropped_impossible(self, effects: Iterable[Fitted]) -> bool:
         """Drop the effects among these that are fitted and not possible; return whether there were any."""
         impossible = [one for one in effects if one in self.fitted and not one.effect.possible(self.model, one.sizes)]
-        for one in impossible:
+        self._drop(impossible)
+        return bool(impossible)
+
+    def _drop(self, effects: Sequence[Fitted]) -> None:
+        """Take effects out of the fit and the model for good."""
+        for one in effects:
             self.model = moved(self.model, one.columns, -one.sizes)
             self.fitted.remove(one)
             self.size_of.pop(one)
             if not is_module(one):
                 self.waiting.append(Fitted(one.effect, one.columns, one.trials, declined=True))
-        out = first_cells_of(impossible)
+        out = first_cells_of(effects)
         self.unneeded |= out
         self.model = with_modules(
             self.model, (one for one in self.model.data.cells.modules if one.first_cell not in out)
         )
-        return bool(impossible)
 
 
 def _shown_but_declined(

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from sawmill_tomography.calibration.covariance import pseudo_inverse, scaled_inverse, unit_scale
 from sawmill_tomography.calibration.joint_fit._derivatives_numba import evidences
-from sawmill_tomography.calibration.joint_fit.effects import Effect
+from sawmill_tomography.calibration.joint_fit.effects import UNSTEADY_MOTIONS, WAVES, Effect
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column, System
 from sawmill_tomography.calibration.joint_fit.scan_model import (
     ScanModel,
@@ -159,7 +159,8 @@ class Group:
             unit,
             (prior if largest <= prior.high else replace(prior, high=largest)).sizes,
             math.log(odds / (1.0 - odds)),
-            ON_DETECTOR if is_on_detector(one) else STRUCTURES,
+            # What is wrong with a drawing turns with it, as slow waves do.
+            ON_DETECTOR if is_on_detector(one) else STRUCTURES / (WAVES if one.effect in UNSTEADY_MOTIONS else 1),
         )
 
     def at(self, evidence: FloatArray, size: float) -> float:
@@ -178,7 +179,7 @@ class Group:
 class GroupColumns:
     """The columns of groups (g), one after another (c)."""
 
-    begins: NDArray[np.intp]  # (g + 1,): where those of each group begin
+    begins: NDArray[np.intp]  # (g + 1,): where the columns of each group begin
     places: NDArray[np.intp]  # (c,)
     unit: FloatArray  # (c,)
     sizes: FloatArray  # (g, SIZES)
@@ -198,7 +199,7 @@ class GroupColumns:
     def evidences(self, information: FloatArray, score: FloatArray, tempered: FloatArray) -> FloatArray:
         """Return the evidence (g, SIZES) of the groups, as `Group.evidence` does.
 
-        Of all columns' information (n, n) and score (n,) those of each group count by `tempered` (g,).
+        The information (n, n) and the score (n,) are for all columns; each group's count by `tempered` (g,).
         """
         likelihood = evidences(information, score, self.begins, self.places, self.unit, tempered, self.sizes)
         return np.asarray(self.log_odds[:, None] - math.log(SIZES) + likelihood)

@@ -37,7 +37,7 @@ MOST_SLIPS = 3
 # (benchmarks/families.py).
 UNSTEADY = 3.0
 # Motions of which one kind is looked at first, and their numbers of columns: slips of the phantom, jumps of the
-# scanner, motions that go on from the first view to the last, those of any shape, and those that turn with the table.
+# scanner, motions from the first view to the last, motions of any shape, and motions that turn with the table.
 STARTS = (
     ({Adjustment.SLIP}, {3}),
     ({Adjustment.SLIP}, {2}),
