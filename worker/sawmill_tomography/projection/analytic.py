@@ -157,7 +157,7 @@ def blur_taps(width_cells: float) -> FloatArray:
 
 
 def gram(
-    phantom: Phantom | Body,
+    phantom: Phantom,
     cells: DetectorCells,
     frame: SourceFrame,
     angles_rad: FloatArray,

@@ -83,9 +83,9 @@ class Climb:
         if (every := tuple(groups)) not in self._columns:
             self._columns[every] = GroupColumns.of(every)
         scatter = np.array([posterior.scatter.get(group, 1.0) for group in every])
-        shares = np.array([group.shares for group in every])
-        tempered = posterior.variance / np.maximum(posterior.variance * scatter, self.structured / shares)
-        return self._columns[every].evidences(*posterior.left_of_all, tempered)
+        columns = self._columns[every]
+        tempered = posterior.variance / np.maximum(posterior.variance * scatter, self.structured / columns.shares)
+        return columns.evidences(*posterior.left_of_all, tempered)
 
     def evidence(self, posterior: Posterior, group: Group) -> FloatArray:
         """Return a group's evidence against the largest of three variances."""

@@ -184,6 +184,7 @@ class GroupColumns:
     unit: FloatArray  # (c,)
     sizes: FloatArray  # (g, SIZES)
     log_odds: FloatArray  # (g,): of any size
+    shares: FloatArray  # (g,)
 
     @classmethod
     def of(cls, groups: Sequence[Group]) -> "GroupColumns":
@@ -194,6 +195,7 @@ class GroupColumns:
             np.concatenate([np.empty(0), *(group.unit for group in groups)]),
             np.array([group.sizes for group in groups]).reshape(-1, SIZES),
             np.array([group.log_odds for group in groups]),
+            np.array([group.shares for group in groups]),
         )
 
     def evidences(self, information: FloatArray, score: FloatArray, tempered: FloatArray) -> FloatArray:
