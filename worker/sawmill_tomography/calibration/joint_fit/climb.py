@@ -1,11 +1,13 @@
 """The climb from a set of groups to the likeliest one next to it, one group or size at a time."""
 
+import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from sawmill_tomography.calibration.joint_fit.groups import (
+    SIZES,
     STRUCTURES,
     Group,
     GroupColumns,
@@ -86,6 +88,17 @@ class Climb:
         columns = self._columns[every]
         tempered = posterior.variance / np.maximum(posterior.variance * scatter, self.structured / columns.shares)
         return columns.evidences(*posterior.left_of_all, tempered)
+
+    def scattered(self, posterior: Posterior, groups: Sequence[Group]) -> FloatArray:
+        """Return the evidence (groups, SIZES) as `evidences` does, with the scatter of those that may be real."""
+        evidences = self.evidences(posterior, groups)
+        # All sizes together may be as likely as none.
+        for number in np.flatnonzero(evidences.max(axis=1) > -math.log(SIZES)).tolist():
+            group = groups[number]
+            if group not in posterior.sizes and group not in posterior.scatter:
+                posterior.scatter[group] = scatter_of(posterior, group)
+                evidences[number] = self.evidence(posterior, group)
+        return evidences
 
     def evidence(self, posterior: Posterior, group: Group) -> FloatArray:
         """Return a group's evidence against the largest of three variances."""

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_tomography.calibration.covariance import pseudo_inverse
-from sawmill_tomography.calibration.joint_fit.climb import Climb, scatter_of
+from sawmill_tomography.calibration.joint_fit.climb import Climb
 from sawmill_tomography.calibration.joint_fit.effects import DEFORMATION, WAVES, Effect
 from sawmill_tomography.calibration.joint_fit.groups import (
     SIZES,
@@ -169,13 +169,7 @@ class MotionSets:
             return True
         motions = [group for group in self._point.groups if is_motion(group.one)]
         # All sizes of a motion together may be as likely as none.
-        suspected = -math.log(SIZES)
-        for group, evidence in zip(motions, climb.evidences(here, motions), strict=True):
-            if evidence.max() > suspected:
-                here.scatter.setdefault(group, scatter_of(here, group))
-                if climb.evidence(here, group).max() > suspected:
-                    return True
-        return False
+        return bool((climb.scattered(here, motions) > -math.log(SIZES)).any())
 
     def _with_places(self) -> Posterior:
         """Return the last posterior next to slips at some views."""
@@ -282,7 +276,7 @@ class MotionSets:
 
     def _evidence_of_others(self, posterior: Posterior, groups: Sequence[Group]) -> FloatArray:
         """Return the evidence (groups, SIZES) of each other size of groups: of 0, the first, where one is fitted."""
-        evidence = self._climb.evidences(posterior, groups)
+        evidence = self._climb.scattered(posterior, groups)
         moves = any(is_motion(each.one) for each in posterior.sizes)
         for number, group in enumerate(groups):
             if group in posterior.sizes:
