@@ -52,7 +52,7 @@ def with_theta(
             f"the scan asks for a source at {frame.source_distance_mm:.4g} mm, nearer than source_to_cor_mm "
             f"{r_s:.6g}: check source_to_cor_mm and the phantom's size",
         )
-    held = fit_jointly(replace(prepared, fit=fit), task.without, on_step)
+    held = fit_jointly(replace(prepared, fit=fit), task.without, on_step).result()
     distance = SourceDistance(
         frame.source_distance_mm, held=True, deficit_deviations=_deficit_deviations(task, frame, statistics)
     )

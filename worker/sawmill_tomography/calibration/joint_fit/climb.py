@@ -90,9 +90,8 @@ class Climb:
         return columns.evidences(*posterior.left_of_all, tempered)
 
     def scattered(self, posterior: Posterior, groups: Sequence[Group]) -> FloatArray:
-        """Return the evidence (groups, SIZES) as `evidences` does, with the scatter of those that may be real."""
+        """Return the evidence of `evidences`, with the scatter of groups whose sizes together are as likely as none."""
         evidences = self.evidences(posterior, groups)
-        # All sizes together may be as likely as none.
         for number in np.flatnonzero(evidences.max(axis=1) > -math.log(SIZES)).tolist():
             group = groups[number]
             if group not in posterior.sizes and group not in posterior.scatter:

@@ -2,8 +2,6 @@
 
 An effect is fitted where its posterior says so (`joint_fit/groups.py`). The effect of a slip, which depends on the
 view, is in `slip.py`.
-
-Poses that change from view to view: shapes of the motion of turntable and phantom.
 """
 
 import math

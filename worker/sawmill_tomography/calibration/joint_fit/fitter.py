@@ -11,6 +11,7 @@ from dataclasses import replace
 from itertools import accumulate, chain, compress, pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sawmill_tomography.calibration.fit import OnStep, ignore_progress
 from sawmill_tomography.calibration.joint_fit.climb import Climb, scatter_of
@@ -51,7 +52,6 @@ from sawmill_tomography.calibration.joint_fit.outliers import (
     inconsistent_views,
     views_differ,
     with_less_weight,
-    without_views,
 )
 from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, Term
 from sawmill_tomography.calibration.joint_fit.selection import (
@@ -113,7 +113,7 @@ MOST_MODULES = 8
 
 def fit_jointly(
     prepared: AdjustedFit, without: Collection[Adjustment] = (), on_step: OnStep = ignore_progress
-) -> JointFit:
+) -> "JointFitter":
     """Fit geometry and effects from the plain fit; effects in `without` are tested, and not fitted.
 
     Effects of real wood, and a density of each patch of it, are fitted where they are beyond chance.
@@ -129,31 +129,26 @@ def fit_jointly(
         if of_wood.is_likelier(fitter):
             of_wood.end(on_step)
             fitter = of_wood if of_wood.is_likelier(fitter) else fitter
-    return fitter.result()
+    return fitter
 
 
 def fit_consistent_views(
     prepared: AdjustedFit, without: Collection[Adjustment] = (), on_step: OnStep = ignore_progress
 ) -> tuple[AdjustedFit, JointFit]:
-    """Fit as `fit_jointly` does, leaving out the few views that a fit to the remaining views does not explain."""
-    joint = fit_jointly(prepared, without, on_step)
+    """Fit as `fit_jointly` does, and go on without the few views that the others do not explain."""
+    fitter = fit_jointly(prepared, without, on_step)
     if prepared.of_passages and Adjustment.OUTLIERS not in without:
         # Before the poses are known, each view in another pose is an outlier.
-        before, prepared = prepared, with_less_weight(prepared, prepared, joint.model.residual)
-        joint = joint if prepared is before else fit_jointly(prepared, without, on_step)
-    left_out = np.zeros(len(prepared.data.sinogram), bool)
-    while Adjustment.OUTLIERS not in without:
-        inconsistent = (
-            inconsistent_views(joint.model.residual, joint.model.data.sinogram, joint.model.data.weights) & ~left_out
-        )
-        remaining = without_views(prepared, left_out | inconsistent) if inconsistent.any() else None
-        if remaining is None:
-            break
-        left_out |= inconsistent
-        joint = fit_jointly(remaining, without, on_step)
-    if not left_out.any():
+        before, prepared = prepared, with_less_weight(prepared, prepared, fitter.result().model.residual)
+        fitter = fitter if prepared is before else fit_jointly(prepared, without, on_step)
+    joint, left_out = fitter.result(), 0
+    while Adjustment.OUTLIERS not in without and (views := inconsistent_views(joint.model)).any():
+        left_out += int(views.sum())
+        fitter.leave_out(views, on_step)
+        joint = fitter.result()
+    if not left_out:
         return prepared, joint
-    adjustments = (*prepared.adjustments, AdjustmentMessage.INCONSISTENT_VIEWS(views=int(left_out.sum())))
+    adjustments = (*prepared.adjustments, AdjustmentMessage.INCONSISTENT_VIEWS(views=left_out))
     # A further fit finds the modules again, with their errors.
     data = replace(joint.model.data, cells=prepared.data.cells)
     return replace(prepared, data=data, adjustments=adjustments), joint
@@ -254,6 +249,14 @@ class JointFitter:
             self.fit(on_step)
         self.go_over(on_step, 1 if self.of_patches else OTHER_SETS)
 
+    def leave_out(self, views: NDArray[np.bool_], on_step: OnStep) -> None:
+        """Go on to the end without these views (views,)."""
+        data = self.model.data
+        weights = np.ones_like(data.sinogram) if data.weights is None else data.weights
+        self.model = replace(self.model, data=replace(data, weights=np.where(views[:, None], 0.0, weights)))
+        self._start_again()
+        self.end(on_step)
+
     def find_poses(self, on_step: OnStep) -> None:
         """Find the poses of single views before any step."""
         self.rounds, self.ended = 0, False
@@ -298,11 +301,9 @@ class JointFitter:
         columns = self._screened(grams, model)
         uniform, own = grams.system(columns), range(len(columns))
         varies = grams.vary_densities(columns)
+        drawing = self.model.drawing
         # Patches change the rays as an outline does that is off by their side times the variation.
-        if (
-            not _varies(varies)
-            or varies.deviation * patch_side_mm(self.model.drawing) <= self.model.drawing.precision_mm
-        ):
+        if not _varies(varies) or varies.deviation * patch_side_mm(drawing) <= drawing.precision_mm:
             return False
         return uniform.remaining(own) - grams.system(columns).remaining(own) > LEAST_EXPLAINED * uniform.structured
 
@@ -356,6 +357,9 @@ class JointFitter:
             self.waiting += self._of_effects(OF_WOOD)
             self.of_wood = True
         self.of_patches = self.of_patches or patches
+        self._start_again()
+
+    def _start_again(self) -> None:
         self.rounds, self.ended, self.gone = 0, False, set[Fitted]()
 
     def go_over(self, on_step: OnStep, most: int) -> None:

@@ -168,7 +168,6 @@ class MotionSets:
         if climb.structured / STRUCTURES > here.variance:
             return True
         motions = [group for group in self._point.groups if is_motion(group.one)]
-        # All sizes of a motion together may be as likely as none.
         return bool((climb.scattered(here, motions) > -math.log(SIZES)).any())
 
     def _with_places(self) -> Posterior:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from sawmill_tomography.calibration.covariance import CHANCE
 from sawmill_tomography.calibration.joint_fit.finding import AdjustedFit, EffectFinding
 from sawmill_tomography.calibration.joint_fit.normal_equations import ViewGrams
+from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel
 from sawmill_tomography.calibration.joint_fit.structure import SHADOW
 from sawmill_tomography.calibration.sinogram_data import FEW_VIEWS
 from sawmill_tomography.geometry.geometry import FloatArray
@@ -67,24 +68,17 @@ INCONSISTENT = 3.0
 LEAST = 0.01
 
 
-def inconsistent_views(residual: FloatArray, sinogram: FloatArray, weights: FloatArray | None) -> NDArray[np.bool_]:
+def inconsistent_views(model: ScanModel) -> NDArray[np.bool_]:
     """Find the views, (views,) bool, that do not fit the rest, from a fit's residual; none where there are too many."""
-    used = residual if weights is None else np.sqrt(weights) * residual
+    residual, data = model.residual, model.data
+    used = residual if data.weights is None else np.sqrt(data.weights) * residual
     # Neighbouring cells do not share noise, however strong in deep shadow, but share errors of the model.
     shared, power = (used[:, 1:] * used[:, :-1]).sum(axis=1), (used**2).sum(axis=1)
     if not power.any():
         return np.zeros(len(residual), bool)
-    least = max(INCONSISTENT * float(np.median(power[power > 0.0])), residual.shape[1] * (LEAST * sinogram.std()) ** 2)
+    least = max(INCONSISTENT * float(np.median(power[power > 0.0])), used.shape[1] * (LEAST * data.sinogram.std()) ** 2)
     inconsistent: NDArray[np.bool_] = shared > least
     return inconsistent if inconsistent.sum() <= FEW_VIEWS * len(inconsistent) else np.zeros_like(inconsistent)
-
-
-def without_views(adjusted: AdjustedFit, views: NDArray[np.bool_]) -> AdjustedFit | None:
-    """Repeat the plain fit without these views; None where the fit does not converge."""
-    weights = np.ones_like(adjusted.data.sinogram) if adjusted.data.weights is None else adjusted.data.weights
-    remaining = replace(adjusted.data, weights=np.where(views[:, None], 0.0, weights))
-    again = adjusted.refitted(remaining, adjusted.fit)
-    return None if again is None else replace(adjusted, data=remaining, fit=again)
 
 
 # What each view may have of its own, as a gain or a turn, is fitted when it explains more than chance by this number of
