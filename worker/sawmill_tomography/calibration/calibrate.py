@@ -90,7 +90,7 @@ def conclude(
     analysis = analyse_residual(joint, statistics, task.scanner, radius_mm)
     theta, twin = choose_theta(task.scanner, frame, task.bounds)
     of_views = view_errors(joint, statistics)
-    bars = error_bars(task.scanner, frame, theta, statistics, radius_mm, of_views, analysis.jumps)
+    bars = error_bars(task.scanner, frame, theta, statistics, radius_mm, of_views, analysis.bound_times)
     alternatives = alternatives_of(ranked, task.sinogram.size / bars.statistics.inflation)
     alternatives = _told_apart(alternatives, task, ranked, joint, on_step)
     scale = scale_uncertainty(

@@ -24,7 +24,6 @@ from sawmill_tomography.statistics import TWO_SIDED_95
 from sawmill_vocabulary import WIDEST_CELL_MM, Agreement, CalibrationStatus, MovedBody, Verdict
 from sawmill_vocabulary.calibration_messages import CalibrationMessage, ResidualMessage
 from sawmill_vocabulary.messages import Reason
-from sawmill_vocabulary.scan_messages import EffectMessage
 
 # Structure in the residual is reported above this share of the sinogram. Unless the same cells are wrong in all views,
 # structure does not prevent a pass: its effect on the rays is in the error bars, and the error bars decide.
@@ -205,9 +204,7 @@ def _effects(evidence: Evidence, limits: JudgementLimits) -> Iterator[Remark]:
         if effect.ray_error_mm <= MATTERS * limits.tolerance_mm or needs_nothing:
             continue
         message = CalibrationMessage.EFFECT_FITTED if effect.fitted else CalibrationMessage.EFFECT_NOT_FITTED
-        # Waves in time are not how anything moves: they are near it.
-        unsteady = not {EffectMessage.PHANTOM_UNSTEADY, EffectMessage.SCANNER_UNSTEADY}.isdisjoint(effect.reason.codes)
-        yield Remark(Degree.WATCH if unsteady else Degree.NOTE, message(effect.reason, off_mm=effect.ray_error_mm))
+        yield Remark(Degree.NOTE, message(effect.reason, off_mm=effect.ray_error_mm))
 
 
 def _second_witness(evidence: Evidence, limits: JudgementLimits) -> Iterator[Remark]:

@@ -107,4 +107,5 @@ def _error_bars(
         parts={source: kept @ part @ kept.T for source, part in statistics.parts.items()} | {"log": by_log},
         mixture=motions,
     )
-    return error_bars(calibration.scanner, frame, theta, with_log, calibration.radius_mm, jumps=evidence.residual.jumps)
+    times, radius_mm = evidence.residual.bound_times, calibration.radius_mm
+    return error_bars(calibration.scanner, frame, theta, with_log, radius_mm, bound_times=times)

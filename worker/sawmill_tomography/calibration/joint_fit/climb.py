@@ -92,9 +92,8 @@ class Climb:
     def scattered(self, posterior: Posterior, groups: Sequence[Group]) -> FloatArray:
         """Return the evidence of `evidences`, with the scatter of groups whose sizes together are as likely as none."""
         evidences = self.evidences(posterior, groups)
-        for number in np.flatnonzero(evidences.max(axis=1) > -math.log(SIZES)).tolist():
-            group = groups[number]
-            if group not in posterior.sizes and group not in posterior.scatter:
+        for number, group in enumerate(groups):
+            if evidences[number].max() > -math.log(SIZES) and group not in {**posterior.sizes, **posterior.scatter}:
                 posterior.scatter[group] = scatter_of(posterior, group)
                 evidences[number] = self.evidence(posterior, group)
         return evidences

@@ -511,18 +511,15 @@ class JointFitter:
         of_cells = tuple(dict.fromkeys(chain.from_iterable(map(_terms, places))))
         # A model that stays the same keeps what it has computed.
         self.model = self.model if of_cells == self.model.of_cells else replace(self.model, of_cells=of_cells)
-        grams = self._grams()
+        grams = ViewGrams(self.model, of_wood=self.of_wood, of_patches=self.of_patches)
         if not self.model.view_gain and Adjustment.VIEW_GAIN not in self.without and views_differ(grams):
             self.model = self.model.with_view_gains(grams.weights)
-            grams = self._grams()
+            grams = ViewGrams(self.model, of_wood=self.of_wood, of_patches=self.of_patches)
         self.correlation = grams.correlation
         if self.left_out:
             fitted = [column for one in self.fitted for column in one.columns]
             self.poses, self.variance = likeliest_sizes(self.model, grams, [*self.base, *fitted])
         return grams, self._project_out(grams, self.model)
-
-    def _grams(self) -> ViewGrams:
-        return ViewGrams(self.model, of_wood=self.of_wood, of_patches=self.of_patches)
 
     def _project_out(self, grams: ViewGrams, model: ScanModel) -> list[Column]:
         """Project out the views' random effects, and return the columns always fitted."""

@@ -21,6 +21,9 @@ from sawmill_vocabulary.scan_messages import AdjustmentMessage, EffectMessage
 
 # Effects that are fitted where cells are elsewhere than the model has them.
 FROM_VIEW_TO_VIEW = MOTIONS | {Adjustment.ANGLE_JITTER}
+# Where something moved at two views or more, or unsteadily, other motions may explain the scan as well: the rays' error
+# may be larger by this factor (test_unsteadiness.py).
+MOVES_OFTEN = 2.0
 
 
 @dataclass(frozen=True)
@@ -65,6 +68,13 @@ class ResidualAnalysis:
     def jumps(self) -> int:
         """Number of views at which the phantom or the scanner moved."""
         return sum(effect.fitted and effect.adjustment is Adjustment.SLIP for effect in self.effects)
+
+    @property
+    def bound_times(self) -> float:
+        """Factor of the ray error's bound."""
+        fitted = {code for effect in self.effects if effect.fitted for code in effect.reason.codes}
+        unsteady = fitted & {EffectMessage.PHANTOM_UNSTEADY, EffectMessage.SCANNER_UNSTEADY}
+        return MOVES_OFTEN if unsteady or self.jumps > 1 else 1.0
 
     @property
     def phantom_moved(self) -> bool:

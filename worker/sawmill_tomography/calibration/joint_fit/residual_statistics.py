@@ -36,9 +36,6 @@ from sawmill_tomography.geometry.ray_error import (
 # An error of the model turns with the phantom, so it shows in the slowest harmonics of the views' scores. Two harmonics
 # are enough for a measurement, and few enough to be close to the mean itself.
 HARMONICS = 2
-# Where something moved at two views or more, other motions may explain the scan as well: the rays' error may be larger
-# by this factor (test_unsteadiness.py).
-BY_JUMPS = 2.0
 RAY_PARAMETERS = list(FitParameter)[RAYS]
 
 
@@ -261,11 +258,11 @@ def error_bars(
     statistics: ResidualStatistics,
     radius_mm: float,
     of_views: ViewErrors | None = None,
-    jumps: int = 0,
+    bound_times: float = 1.0,
 ) -> ErrorBars:
     """Compute the error bars from the residual's statistics, for rays inside a disc of this radius.
 
-    `of_views` are the errors of views with poses of their own; `jumps` is the number of views at which something moved.
+    `of_views` are the errors of views with poses of their own; `bound_times` is a factor of the bound.
     """
     predicted = predicted_ray_error(
         scanner,
@@ -277,8 +274,7 @@ def error_bars(
         further_mm=statistics.further_mm,
         of_views=of_views,
     )
-    if jumps > 1:
-        (low, high), upper_mm = predicted.interval_95_mm, BY_JUMPS * predicted.upper_95_mm
-        predicted = replace(predicted, upper_95_mm=upper_mm, interval_95_mm=(low, BY_JUMPS * high))
+    (low, high), upper_mm = predicted.interval_95_mm, bound_times * predicted.upper_95_mm
+    predicted = replace(predicted, upper_95_mm=upper_mm, interval_95_mm=(low, bound_times * high))
     of_theta = theta_covariance(scanner, frame, theta, statistics.covariance.of_frame.values)
     return ErrorBars(statistics, of_theta, predicted)
