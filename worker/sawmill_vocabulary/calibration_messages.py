@@ -139,7 +139,7 @@ class CalibrationMessage(Message):
     )
     SCANNER_MOVED = (
         "scanner-moved-in-scan",
-        N_("Something moved during the scan by %(moved_mm).2g mm, and %(allowed_mm).1f mm is allowed."),
+        N_("Something moved during the scan by %(moved_mm).2g mm."),
         N_("Fasten the phantom, let the scanner warm up, check what carries source and detector, and repeat the scan."),
         N_("%(headline)s The geometry is the mean of the scan: the next log is off from it by half of the motion."),
     )

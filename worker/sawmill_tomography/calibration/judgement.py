@@ -30,9 +30,6 @@ from sawmill_vocabulary.messages import Reason
 REPORTED = 0.001
 # An effect is a reason where the rays would be off by more than this share of the tolerance without it.
 MATTERS = 0.1
-# A larger creep or jump of the scanner, mm, does not pass. The last view, and the next log, are off by half of it from
-# the mean geometry that is reported; and a phantom that moves three times may look the same (test_unsteadiness.py).
-LARGEST_SCANNER_MOVE_MM = 0.4
 # What no scanner of logs has, as wider cells than `WIDEST_CELL_MM`: a detector further away (mm), or a magnification
 # larger than those searched. A wrong unit of the cells' distance, or binned pixels, leave the rays right and make all
 # lengths on the detector wrong.
@@ -196,9 +193,8 @@ def _effects(evidence: Evidence, limits: JudgementLimits) -> Iterator[Remark]:
     if jumps > 1 and may_be_mm > limits.tolerance_mm:
         yield Remark(Degree.WATCH, CalibrationMessage.MOVED_OFTEN(times=jumps, may_be_mm=may_be_mm))
     for effect in evidence.residual.effects:
-        if effect.scanner_moved_mm > LARGEST_SCANNER_MOVE_MM:
-            sizes = {"moved_mm": effect.scanner_moved_mm, "allowed_mm": LARGEST_SCANNER_MOVE_MM}
-            yield Remark(Degree.WATCH, CalibrationMessage.SCANNER_MOVED(effect.reason, **sizes))
+        if 0.5 * effect.scanner_moved_mm > limits.tolerance_mm:
+            yield Remark(Degree.NOTE, CalibrationMessage.SCANNER_MOVED(effect.reason, moved_mm=effect.scanner_moved_mm))
             continue
         needs_nothing = effect.fitted and not effect.reason.in_words().action
         if effect.ray_error_mm <= MATTERS * limits.tolerance_mm or needs_nothing:
