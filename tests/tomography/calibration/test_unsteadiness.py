@@ -60,9 +60,9 @@ def test_a_phantom_that_leans_and_settles_is_named():
     assert ("phantom-settles" in codes[0], verdict) == (True, "pass")
 
 
-@pytest.mark.parametrize("seed", [205, 214, 221])
+@pytest.mark.parametrize("seed", [123, 128, 205, 214, 221])
 def test_a_phantom_that_slips_three_times_is_watched_where_other_motions_explain_it(seed):
-    """Two of its slips, or one, or a wobble, were fitted, and the scan passed 0.11 to 0.17 mm off."""
+    """Two of its slips, one, a wobble, or waves in time, were fitted, and the scan passed 0.11 to 0.17 mm off."""
     _, verdict, true_mm = otherwise("three slips", seed)
     assert (verdict, true_mm > 0.1) == ("watch", True)
 
