@@ -22,6 +22,7 @@ from scipy.ndimage import gaussian_filter
 from sawmill_tomography.calibration import calibrate, task, uncertainty_budget, with_log
 from sawmill_tomography.calibration.calibration import CalibrationOutcome
 from sawmill_tomography.calibration.joint_fit import effects, groups, modules, scan_model, slip
+from sawmill_tomography.effect_priors import PRIORS
 from sawmill_tomography.geometry.geometry import TAU, FloatArray, Scanner, SourceFrame, to_vector
 from sawmill_tomography.geometry.ray_error import ray_error
 from sawmill_tomography.phantoms.built_in import L_SHAPE
@@ -109,7 +110,7 @@ def motions(rng: np.random.Generator) -> FloatArray:
     model: Any = SimpleNamespace(data=SimpleNamespace(angles_rad=ANGLES), x=to_vector(FRAME), drawing=L_SHAPE)
     slips = [kind(int(rng.integers(least, VIEWS - least))) for kind in (slip.slip_at, slip.jump_at)]
     for effect in [*(each for each in effects.EFFECTS if each.adjustment in groups.MOTIONS), *slips]:
-        prior = groups.PRIORS[effect.adjustment]
+        prior = PRIORS[effect.adjustment]
         size = math.exp(rng.uniform(math.log(prior.low), math.log(prior.high)))
         if rng.random() < prior.odds / effect.trials:
             for column in effect.columns(model):
