@@ -159,9 +159,8 @@ def compared(name: str, seed: int) -> tuple[float, float] | None:
     if name in {"phantom-size", "moisture", "temperature"}:
         square = line(before, name, field="scale_percent")
         larger = calibrated(projected(L_SHAPE.scaled(1.0 + 0.01 * math.sqrt(square))), seed)
-        return (
-            100.0 * ray_error(FLAT, before.frame, larger.frame, radius_mm=before.radius_mm).scale_change
-        ) ** 2, square
+        change = ray_error(FLAT, before.frame, larger.frame, radius_mm=before.radius_mm).scale_change
+        return (100.0 * change) ** 2, square
     if name == "log":
         alone = calibrated(projected(scanner=NARROW), seed, NARROW)
         woods = [LogModel.random(2 * seed + number, radius_mm=110.0) for number in (0, 1)]
