@@ -27,7 +27,7 @@ from sawmill_tomography.effect_priors import PRIORS, SIZES, Prior
 from sawmill_tomography.geometry.geometry import TAU, FloatArray, Scanner
 from sawmill_vocabulary import Adjustment
 
-# A disturbance is found if it is e^5 times as likely as none: cells as wide as growth rings look like small ones.
+# A disturbance is found if it is e^5 times as likely as none: at even odds one of 84 simulated sound scans had one.
 FOUND = 5.0
 # The largest log's radius: at it the encoder's error is in mm, as in its prior.
 RIM_MM = 150.0
