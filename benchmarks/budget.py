@@ -22,6 +22,7 @@ from scipy.ndimage import gaussian_filter
 from sawmill_tomography.calibration import calibrate, task, uncertainty_budget, with_log
 from sawmill_tomography.calibration.calibration import CalibrationOutcome
 from sawmill_tomography.calibration.joint_fit import effects, groups, modules, scan_model, slip
+from sawmill_tomography.effect_priors import PRIORS
 from sawmill_tomography.geometry.geometry import TAU, FloatArray, Scanner, SourceFrame, to_vector
 from sawmill_tomography.geometry.ray_error import ray_error
 from sawmill_tomography.phantoms.built_in import L_SHAPE
@@ -109,7 +110,7 @@ def motions(rng: np.random.Generator) -> FloatArray:
     model: Any = SimpleNamespace(data=SimpleNamespace(angles_rad=ANGLES), x=to_vector(FRAME), drawing=L_SHAPE)
     slips = [kind(int(rng.integers(least, VIEWS - least))) for kind in (slip.slip_at, slip.jump_at)]
     for effect in [*(each for each in effects.EFFECTS if each.adjustment in groups.MOTIONS), *slips]:
-        prior = groups.PRIORS[effect.adjustment]
+        prior = PRIORS[effect.adjustment]
         size = math.exp(rng.uniform(math.log(prior.low), math.log(prior.high)))
         if rng.random() < prior.odds / effect.trials:
             for column in effect.columns(model):
@@ -158,9 +159,8 @@ def compared(name: str, seed: int) -> tuple[float, float] | None:
     if name in {"phantom-size", "moisture", "temperature"}:
         square = line(before, name, field="scale_percent")
         larger = calibrated(projected(L_SHAPE.scaled(1.0 + 0.01 * math.sqrt(square))), seed)
-        return (
-            100.0 * ray_error(FLAT, before.frame, larger.frame, radius_mm=before.radius_mm).scale_change
-        ) ** 2, square
+        change = ray_error(FLAT, before.frame, larger.frame, radius_mm=before.radius_mm).scale_change
+        return (100.0 * change) ** 2, square
     if name == "log":
         alone = calibrated(projected(scanner=NARROW), seed, NARROW)
         woods = [LogModel.random(2 * seed + number, radius_mm=110.0) for number in (0, 1)]

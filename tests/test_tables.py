@@ -34,7 +34,7 @@ PARTIAL = {
     "worker/sawmill_store/requests/references.py: _LOOK_UP": "a request has several inspections",
     "worker/sawmill_store/subjects/outputs.py: _FILES": "jobs of the other kinds write no file",
     "worker/sawmill_store/mill_tables.py: OWN_TABLES": "the rows of other kinds are in the table `asked`",
-    "worker/sawmill_tomography/calibration/joint_fit/groups.py: PRIORS": "the others are no groups of columns",
+    "worker/sawmill_tomography/effect_priors.py: PRIORS": "the others are no groups of columns",
     "worker/sawmill_tomography/calibration/joint_fit/scan_model.py: LARGEST": "the other terms may have any size",
     "worker/sawmill_tomography/calibration/joint_fit/scan_model.py: SKIN_DEPTHS_MM": "the other terms are no skins",
     "worker/sawmill_tomography/pairs/fine.py: OF_PAIR": "the other terms are of the wood, or are not fitted",

@@ -171,7 +171,7 @@ def few_view_fit(
             f"{REACH[0]:.0%} of the detector; calibrate with the phantom",
         )
     # Opposite rays do not know how certain the motion is that they were corrected for.
-    fit = pairs if opposite is None or pairs.motion is not None else _combined(pairs, opposite, start)
+    fit = pairs if opposite is None or pairs.motion is not None else _combined(pairs, opposite)
     _refuse_unseen(scanner, fit)
     return fit
 
@@ -272,10 +272,10 @@ def _opposite_rays(
     return _OppositeRays(solution, pairs.rotation.apply(angles), () if gain is None else (gain.done,), unrest)
 
 
-def _combined(pairs: PairFit, opposite: _OppositeRays, start: SourceFrame) -> PairFit:
+def _combined(pairs: PairFit, opposite: _OppositeRays) -> PairFit:
     """Combine both estimates of (u_c, tau), weighted by their covariances."""
     solution, estimates = opposite.solution, estimates_of(opposite.solution)
-    of_disturbances = undetected_covariance(solution, estimates, start.source_distance_mm)
+    of_disturbances = undetected_covariance(solution, estimates)
     # The uncertainty of the views' scatter enters by Student's t, as for pairs.
     wider = (scipy.special.stdtrit(opposite.angles_rad.size - 2, 0.975) / scipy.special.ndtri(0.975)) ** 2
     covariances = pairs.covariance[:2, :2], wider * (solution.covariance + of_disturbances)[:2, :2]

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sawmill_tomography.calibration.joint_fit.groups import (
-    SIZES,
     STRUCTURES,
     Group,
     GroupColumns,
@@ -17,6 +16,7 @@ from sawmill_tomography.calibration.joint_fit.groups import (
 from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel
 from sawmill_tomography.calibration.joint_fit.selection import EffectTester
 from sawmill_tomography.calibration.joint_fit.slip import fewest
+from sawmill_tomography.effect_priors import SIZES
 from sawmill_tomography.geometry.geometry import FloatArray
 
 

@@ -26,14 +26,13 @@ from sawmill_tomography.calibration.joint_fit.scan_model import (
     is_of_module,
     number_of,
 )
+from sawmill_tomography.effect_priors import PRIORS, SIZES
 from sawmill_tomography.geometry.detector_shape import FIRST_WAVE
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_vocabulary import Adjustment
 
 # Effects that move the phantom or the angles.
 MOTIONS = frozenset({Adjustment.PACE, Adjustment.CREEP, Adjustment.SLIP, Adjustment.ENCODER, Adjustment.WOBBLE})
-# Number of sizes, log-uniform between a group's lowest and highest.
-SIZES = 8
 # The kink that moves cells about as much as a gap of 1 mm.
 KINK_RAD_PER_MM = math.radians(0.7)
 # Number of independent errors that a drawing, or the wood, may have: every effect explains one such share of the
@@ -78,44 +77,6 @@ def first_cells_of(effects: Sequence[Fitted]) -> set[int]:
     """Return the first cells of the modules whose gaps and kinks are among the effects."""
     terms = [column.term for one in effects for column in one.columns]
     return {number_of(term) for term in terms if term is not None and is_of_module(term)}
-
-
-@dataclass(frozen=True)
-class Prior:
-    """What is expected of a group: its odds, and its sizes where it is there, in the units of its columns."""
-
-    low: float
-    high: float
-    odds: float = 0.1
-
-    @cached_property
-    def sizes(self) -> FloatArray:
-        """Sizes (SIZES,) in its range, of which each is the one before times a factor."""
-        return np.geomspace(self.low, self.high, SIZES)
-
-
-# Units: shares of the longest path's line integral, of the intensity, of the size or of the density; cells^2; mm^2; mm
-# at the phantom's rim; mm on the detector.
-PRIORS: dict[Adjustment, Prior] = {
-    Adjustment.BEAM_HARDENING: Prior(0.003, 0.5),
-    Adjustment.SCATTERED_RADIATION: Prior(0.001, 0.2),
-    Adjustment.BLUR: Prior(0.03, 3.0),
-    Adjustment.LAG: Prior(0.001, 0.06),
-    Adjustment.ROTATION_DURING_EXPOSURE: Prior(0.03, 1.0),
-    Adjustment.FLAT_FIELD: Prior(0.001, 0.05),
-    Adjustment.DENSITY_GRADIENT: Prior(0.003, 0.15),
-    Adjustment.DEFORMATION: Prior(0.0003, 0.01),
-    Adjustment.CORNERS: Prior(0.3, 60.0),
-    Adjustment.PACE: Prior(0.02, 2.0),
-    Adjustment.CREEP: Prior(0.02, 0.6),
-    Adjustment.ENCODER: Prior(0.02, 1.0),
-    Adjustment.WOBBLE: Prior(0.02, 0.6),
-    Adjustment.SLIP: Prior(0.02, 0.6),
-    Adjustment.BOW: Prior(0.03, 1.5),
-    Adjustment.SURFACE_DENSITY: Prior(0.01, 0.4),
-    Adjustment.MODULES: Prior(0.05, 5.0, odds=0.01),
-    Adjustment.CELL_PLACES: Prior(0.05, 5.0, odds=1e-4),
-}
 
 
 def unit_of(column: Column, model: ScanModel) -> float:

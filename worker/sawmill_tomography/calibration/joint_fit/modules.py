@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from sawmill_tomography.calibration.covariance import scaled_inverse
 from sawmill_tomography.calibration.joint_fit._derivatives_numba import taken_of_modules
 from sawmill_tomography.calibration.joint_fit.effects import Effect
-from sawmill_tomography.calibration.joint_fit.groups import KINK_RAD_PER_MM, PRIORS
+from sawmill_tomography.calibration.joint_fit.groups import KINK_RAD_PER_MM
 from sawmill_tomography.calibration.joint_fit.normal_equations import SINGULAR, Column, System, ViewGrams
 from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, gap_term, kink_term
+from sawmill_tomography.effect_priors import PRIORS
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.geometry.ray_error import DRAWS
 from sawmill_vocabulary import Adjustment, DetectorModule

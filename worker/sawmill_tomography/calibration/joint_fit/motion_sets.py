@@ -16,7 +16,6 @@ from sawmill_tomography.calibration.covariance import pseudo_inverse
 from sawmill_tomography.calibration.joint_fit.climb import Climb
 from sawmill_tomography.calibration.joint_fit.effects import DEFORMATION, WAVES, Effect
 from sawmill_tomography.calibration.joint_fit.groups import (
-    SIZES,
     STRUCTURES,
     Fitted,
     Group,
@@ -27,6 +26,7 @@ from sawmill_tomography.calibration.joint_fit.groups import (
 )
 from sawmill_tomography.calibration.joint_fit.normal_equations import ViewGrams
 from sawmill_tomography.calibration.joint_fit.slip import fewest, jump_at, likeliest_slip, places_of_slips, slip_at
+from sawmill_tomography.effect_priors import SIZES
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.geometry.ray_error import DRAWS
 from sawmill_vocabulary import Adjustment

@@ -77,9 +77,9 @@ def conjugate_fit(
         screening.adjustments,
     )
     fit = steady = _fit_without_odd_views(scan, start, rotation)
-    harmonics = Harmonics.none()
+    harmonics = Harmonics()
     for _ in range(ROUNDS):
-        disturbance = strongest(fit.estimates, start.source_distance_mm)
+        disturbance = strongest(fit.estimates, harmonics)
         if disturbance is None:
             break
         harmonics = harmonics.plus(disturbance)
@@ -87,7 +87,7 @@ def conjugate_fit(
     # A jump of the log contains every harmonic, and no harmonics explain it.
     movement = fit.movement(angles_rad, start)
     if harmonics.values.any() and movement.beyond_chance:
-        fit, harmonics = steady, Harmonics.none()
+        fit, harmonics = steady, Harmonics()
         movement = fit.movement(angles_rad, start)
     best, used = fit.best, fit.scan
     disagreeing = int(np.sum(screening.views & ~used.usable))
@@ -98,8 +98,7 @@ def conjugate_fit(
         u_c,
         tau,
         sdd,
-        best.with_correlated(CORRELATED).covariance
-        + undetected_covariance(best, fit.estimates, start.source_distance_mm),
+        best.with_correlated(CORRELATED).covariance + undetected_covariance(best, fit.estimates),
         distance_held=best.free == WITHOUT_DISTANCE,
         rotation=fit.rotation,
         rotation_ratio=fit.ratio,

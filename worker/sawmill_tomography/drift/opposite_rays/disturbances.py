@@ -13,8 +13,8 @@ Gain and offset of each view drift with the source or the flat field.
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy
@@ -22,18 +22,15 @@ from numpy.typing import NDArray
 
 from sawmill_tomography.drift.change import Disturbance, LogMovement
 from sawmill_tomography.drift.opposite_rays.opposite_rays import Solution
-from sawmill_tomography.drift.opposite_rays.paired_rays import PairedRays, fan_angles
+from sawmill_tomography.drift.opposite_rays.paired_rays import fan_angles
+from sawmill_tomography.effect_priors import PRIORS, SIZES, Prior
 from sawmill_tomography.geometry.geometry import TAU, FloatArray, Scanner
+from sawmill_vocabulary import Adjustment
 
-# A disturbance is found if its log Bayes factor, against no disturbance, is above this: 3000 to 1
-# (benchmarks/drift.py at 3ab7f653).
-FOUND = 8.0
-# Standard deviation of a disturbance's expected amplitude, and of a sound scanner's: the latter enters the covariance
-# where no disturbance is found. Degrees for the encoder, mm for the bearing.
-EXPECTED = {"encoder": 0.3, "bearing": 1.0}
-SOUND = {"encoder": 0.01, "bearing": 0.02}
-# A disturbance is at least this number of times a sound scanner's; a smaller estimate is due to something else.
-TIMES_SOUND = 2.5
+# A disturbance is found if it is e^5 times as likely as none: at even odds one of 84 simulated sound scans had one.
+FOUND = 5.0
+# The largest log's radius: at it the encoder's error is in mm, as in its prior.
+RIM_MM = 150.0
 # Number of rounds that search for disturbances: each round takes the one that explains most.
 ROUNDS = 6
 
@@ -50,12 +47,8 @@ DISTURBANCES = (
 class Harmonics:
     """Disturbances as angles, by the angle in the sense of rotation used: delta, and - w / R of the bearing."""
 
-    values: FloatArray  # (disturbances, 2): cosine and sine amplitudes, rad
-
-    @classmethod
-    def none(cls) -> "Harmonics":
-        """Return harmonics without a disturbance."""
-        return cls(np.zeros((len(DISTURBANCES), 2)))
+    # (disturbances, 2): cosine and sine amplitudes, rad
+    values: FloatArray = field(default_factory=lambda: np.zeros((len(DISTURBANCES), 2)))
 
     def plus(self, estimate: "DisturbanceEstimate") -> "Harmonics":
         """Return the harmonics with one more estimate added."""
@@ -87,55 +80,48 @@ class DisturbanceEstimate:
     """A disturbance fitted with the geometry."""
 
     disturbance: Disturbance
+    prior: Prior  # the calibration's, with sizes in rad
     value: FloatArray  # (2,): cosine and sine amplitudes, rad
     covariance: FloatArray  # (2, 2)
     sensitivity: FloatArray  # (unknowns, 2): change of the geometry's free unknowns per rad of either amplitude
 
-    def evidence(self, source_distance_mm: float) -> float:
-        """Compute the log Bayes factor of this disturbance, with the expected amplitude, against no disturbance."""
-        wide = self.covariance + _prior(self.disturbance, EXPECTED, source_distance_mm)
-        gain = self.value @ (np.linalg.inv(self.covariance) - np.linalg.inv(wide)) @ self.value
-        return float(0.5 * gain - 0.5 * math.log(np.linalg.det(wide) / np.linalg.det(self.covariance)))
+    @property
+    def evidence(self) -> FloatArray:
+        """Logarithm of odds times likelihood of each size against no disturbance, (SIZES,)."""
+        variances, axes = np.linalg.eigh(self.covariance)
+        wider = variances + self.prior.sizes[:, None] ** 2
+        gain = (self.value @ axes) ** 2 * (1.0 / variances - 1.0 / wider) - np.log(wider / variances)
+        return np.asarray(math.log(self.prior.odds / (1.0 - self.prior.odds) / SIZES) + 0.5 * gain.sum(axis=1))
 
-    def times_sound(self, source_distance_mm: float) -> float:
-        """Return the amplitude divided by the amplitude that a sound scanner may have."""
-        sound = math.sqrt(float(np.trace(_prior(self.disturbance, SOUND, source_distance_mm))))
-        return float(np.linalg.norm(self.value)) / sound
+    @property
+    def moved(self) -> FloatArray:
+        """What the disturbance, if it is not found, may add to the unknowns' error (unknowns, unknowns).
 
-    def moved(self, source_distance_mm: float) -> FloatArray:
-        """Compute what the disturbance may add to the unknowns' error (unknowns, unknowns) in a sound scanner.
-
-        It is the second moment of the amplitude's posterior, from the pairs and a sound scanner's amplitudes.
+        It is the second moment of the amplitudes' posterior over all sizes. The lowest stands for 0 and what is below.
         """
-        precision = np.linalg.inv(self.covariance)
-        posterior = np.linalg.inv(precision + np.linalg.inv(_prior(self.disturbance, SOUND, source_distance_mm)))
-        mean = posterior @ precision @ self.value
-        return np.asarray(self.sensitivity @ (posterior + np.outer(mean, mean)) @ self.sensitivity.T, np.float64)
+        evidence = self.evidence
+        evidence[0] = np.logaddexp(evidence[0], 0.0)
+        weights = np.exp(evidence - np.logaddexp.reduce(evidence))
+        variances, axes = np.linalg.eigh(self.covariance)
+        shares = 1.0 / (1.0 + variances / self.prior.sizes[:, None] ** 2)
+        means, towards = shares * (self.value @ axes), self.sensitivity @ axes
+        return np.asarray(towards @ (np.diag(weights @ shares * variances) + (weights * means.T) @ means) @ towards.T)
 
 
-def _prior(disturbance: Disturbance, amplitudes: Mapping[str, float], source_distance_mm: float) -> FloatArray:
-    """Return the covariance (2, 2) of cosine and sine, rad; the amplitude's variance is the sum of both variances."""
-    amplitude = amplitudes[disturbance.part]
-    angle = math.radians(amplitude) if disturbance.part == "encoder" else amplitude / source_distance_mm
-    return np.eye(2) * 0.5 * angle**2
+def strongest(estimates: Sequence[DisturbanceEstimate], found: Harmonics) -> DisturbanceEstimate | None:
+    """Return the likeliest disturbance, of any size of its prior with what of it was found; None if none is found."""
+    odds = {FOUND: None} | {
+        float(np.logaddexp.reduce(each.evidence)): each
+        for each in estimates
+        if np.hypot(*found.plus(each).values[DISTURBANCES.index(each.disturbance)]) >= each.prior.low
+    }
+    return odds[max(odds)]
 
 
-def strongest(estimates: Sequence[DisturbanceEstimate], source_distance_mm: float) -> DisturbanceEstimate | None:
-    """Return the disturbance that explains the differences of opposite rays best; None if none is beyond chance."""
-    estimates = [each for each in estimates if each.times_sound(source_distance_mm) > TIMES_SOUND]
-    if not estimates:
-        return None
-    best = max(estimates, key=lambda each: each.evidence(source_distance_mm))
-    return best if best.evidence(source_distance_mm) > FOUND else None
-
-
-def undetected_covariance(
-    solution: Solution, estimates: Sequence[DisturbanceEstimate], source_distance_mm: float
-) -> FloatArray:
+def undetected_covariance(solution: Solution, estimates: Sequence[DisturbanceEstimate]) -> FloatArray:
     """Return the covariance that undetected disturbances may add to the error of (u_c, tau, SDD), (3, 3)."""
     covariance = np.zeros((3, 3))
-    for each in estimates:
-        covariance[solution.free, solution.free] += each.moved(source_distance_mm)
+    covariance[solution.free, solution.free] = sum(each.moved for each in estimates)
     return covariance
 
 
@@ -146,23 +132,22 @@ def estimates_of(solution: Solution) -> list[DisturbanceEstimate]:
     chosen = [1 if each.part == "encoder" else 0 for each in DISTURBANCES for _ in range(2)]
     rays = solution.rays.with_unknowns(solution.derivatives, chosen, slopes)
     geometry = list(range(3))[solution.free]
+    priors = {
+        "encoder": PRIORS[Adjustment.ENCODER].in_units(RIM_MM),
+        "bearing": PRIORS[Adjustment.WOBBLE].in_units(solution.pairs.scanner.source_to_cor_mm),
+    }
     estimates = []
     for at, each in enumerate(DISTURBANCES):
-        unknowns = [*geometry, 3 + 2 * at, 4 + 2 * at]
+        unknowns, inside = [*geometry, 3 + 2 * at, 4 + 2 * at], len(geometry)
         covariance = rays.covariance(unknowns, corrected=True)
         if np.isfinite(covariance).all():
-            estimates.append(_estimate(each, rays, geometry, unknowns, covariance))
+            gram = rays.gram(corrected=True)[unknowns][:, unknowns]
+            step = -np.linalg.solve(gram, rays.scores.sum(axis=0)[unknowns])[inside:]
+            sensitivity = np.asarray(-np.linalg.solve(gram[:inside, :inside], gram[:inside, inside:]), np.float64)
+            estimates.append(
+                DisturbanceEstimate(each, priors[each.part], step, covariance[inside:, inside:], sensitivity)
+            )
     return estimates
-
-
-def _estimate(
-    each: Disturbance, rays: PairedRays, geometry: list[int], unknowns: list[int], covariance: FloatArray
-) -> DisturbanceEstimate:
-    gram = rays.gram(corrected=True)[unknowns][:, unknowns]
-    step = -np.linalg.solve(gram, rays.scores.sum(axis=0)[unknowns])
-    inside = len(geometry)
-    sensitivity = np.asarray(-np.linalg.solve(gram[:inside, :inside], gram[:inside, inside:]), np.float64)
-    return DisturbanceEstimate(each, step[inside:], covariance[inside:, inside:], sensitivity)
 
 
 def _weights(each: Disturbance, gamma: FloatArray, chi: FloatArray) -> FloatArray:

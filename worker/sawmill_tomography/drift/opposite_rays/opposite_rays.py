@@ -45,10 +45,10 @@ class Pairs:
     """
 
     def __init__(self, scanner: Scanner, turn: FullTurn, start: FloatArray, blur: tuple[float, float]) -> None:
-        self._scanner, self._turn = scanner, turn
+        self.scanner, self._turn = scanner, turn
         self._orders = np.arange(turn.views // 2 + 1)
         self._blur = np.exp(-0.5 * (blur[0] * self._orders * TAU / turn.views) ** 2)
-        fan, _ = fan_angles(self._scanner, start)
+        fan, _ = fan_angles(self.scanner, start)
         spacing = float(np.median(np.diff(fan)))
         self._width = blur[1] * spacing
         self._taps = np.arange(-math.ceil(1.1 * CUT_OFF * blur[1]), math.ceil(1.1 * CUT_OFF * blur[1]) + 1)
@@ -128,7 +128,7 @@ class Pairs:
 
         `vector` (3,): u_c in mm, tau in rad and SDD in mm. `variance` (detector,): variance of the rays' noise.
         """
-        fan, covered = fan_angles(self._scanner, vector)
+        fan, covered = fan_angles(self.scanner, vector)
         # What blurs over cells and over harmonics other than the constant one leave of white noise.
         over_cells = np.median(covered) / (2.0 * math.sqrt(math.pi) * self._width)
         over_views = 2.0 * np.sum(self._blur[1:] ** 2) / self._turn.views
@@ -144,7 +144,7 @@ class Pairs:
 
     def _both_sides(self, vector: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """Return rays and opposite rays over chi, and both derivatives by the rays' gamma, (2, pairs, harmonics)."""
-        fan, covered = fan_angles(self._scanner, vector)
+        fan, covered = fan_angles(self.scanner, vector)
         turned = _powers(np.exp(1j * fan), self._orders.size)
         turned *= covered[:, None]
         turned *= self._turn.spectrum
@@ -160,7 +160,7 @@ class Pairs:
 
         An unknown that is the same at every chi does not need this derivative; one that varies with chi does.
         """
-        fan, covered = fan_angles(self._scanner, vector)
+        fan, covered = fan_angles(self.scanner, vector)
         _, slopes = self._sides((self._turn.mean * covered)[:, None], fan)
         return np.asarray(0.5 * (slopes[0] - slopes[1])[:, 0])
 
