@@ -110,12 +110,13 @@ class DisturbanceEstimate:
 
 def strongest(estimates: Sequence[DisturbanceEstimate], found: Harmonics) -> DisturbanceEstimate | None:
     """Return the likeliest disturbance, of any size of its prior with what of it was found; None if none is found."""
-    odds = {FOUND: None} | {
+    likely = {
         float(np.logaddexp.reduce(each.evidence)): each
         for each in estimates
         if np.hypot(*found.plus(each).values[DISTURBANCES.index(each.disturbance)]) >= each.prior.low
     }
-    return odds[max(odds)]
+    most = max(likely, default=FOUND)
+    return likely[most] if most > FOUND else None
 
 
 def undetected_covariance(solution: Solution, estimates: Sequence[DisturbanceEstimate]) -> FloatArray:
