@@ -97,12 +97,12 @@ def processor_s(root: int | None = None) -> float:
 
 
 def settled(root: int | None = None) -> float:
-    """Wait until the service has nothing left to do; its processor seconds until then."""
+    """Wait until the service takes less than half a core, as it does at rest; its processor seconds until then."""
     before = processor_s(root)
     while True:
         time.sleep(QUIET_S)
         now = processor_s(root)
-        if now - before < 0.15 * QUIET_S:
+        if now - before < 0.5 * QUIET_S:
             return now
         before = now
 
