@@ -93,7 +93,7 @@ class Climb:
         """Return the evidence of `evidences`, with the scatter of groups whose sizes together are as likely as none."""
         evidences = self.evidences(posterior, groups)
         for number, group in enumerate(groups):
-            if evidences[number].max() > -math.log(SIZES) and group not in {**posterior.sizes, **posterior.scatter}:
+            if evidences[number].max() > -math.log(SIZES) and group not in posterior.sizes | posterior.scatter:
                 posterior.scatter[group] = scatter_of(posterior, group)
                 evidences[number] = self.evidence(posterior, group)
         return evidences

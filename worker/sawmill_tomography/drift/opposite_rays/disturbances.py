@@ -94,6 +94,11 @@ class DisturbanceEstimate:
         return np.asarray(math.log(self.prior.odds / (1.0 - self.prior.odds) / SIZES) + 0.5 * gain.sum(axis=1))
 
     @property
+    def log_odds(self) -> float:
+        """Logarithm of the odds of this disturbance, of any size, against none."""
+        return float(np.logaddexp.reduce(self.evidence))
+
+    @property
     def moved(self) -> FloatArray:
         """What the disturbance, if it is not found, may add to the unknowns' error (unknowns, unknowns).
 
@@ -110,13 +115,13 @@ class DisturbanceEstimate:
 
 def strongest(estimates: Sequence[DisturbanceEstimate], found: Harmonics) -> DisturbanceEstimate | None:
     """Return the likeliest disturbance, of any size of its prior with what of it was found; None if none is found."""
-    likely = {
-        float(np.logaddexp.reduce(each.evidence)): each
+    possible = [
+        each
         for each in estimates
         if np.hypot(*found.plus(each).values[DISTURBANCES.index(each.disturbance)]) >= each.prior.low
-    }
-    most = max(likely, default=FOUND)
-    return likely[most] if most > FOUND else None
+    ]
+    best = max(possible, key=lambda each: each.log_odds, default=None)
+    return best if best is not None and best.log_odds > FOUND else None
 
 
 def undetected_covariance(solution: Solution, estimates: Sequence[DisturbanceEstimate]) -> FloatArray:
@@ -144,10 +149,8 @@ def estimates_of(solution: Solution) -> list[DisturbanceEstimate]:
         if np.isfinite(covariance).all():
             gram = rays.gram(corrected=True)[unknowns][:, unknowns]
             step = -np.linalg.solve(gram, rays.scores.sum(axis=0)[unknowns])[inside:]
-            sensitivity = np.asarray(-np.linalg.solve(gram[:inside, :inside], gram[:inside, inside:]), np.float64)
-            estimates.append(
-                DisturbanceEstimate(each, priors[each.part], step, covariance[inside:, inside:], sensitivity)
-            )
+            moves = np.asarray(-np.linalg.solve(gram[:inside, :inside], gram[:inside, inside:]), np.float64)
+            estimates.append(DisturbanceEstimate(each, priors[each.part], step, covariance[inside:, inside:], moves))
     return estimates
 
 
